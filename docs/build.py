@@ -72,6 +72,7 @@ def assemble(source):
     print("== Commands", flush=True)
     commands(source / "commands.md")
     write_text(source / "api.md", api())
+    write_text(source / "settings.md", settings())
     print("== Effects", flush=True)
     slugs = effect_pages.make(source / "effects")
     print("== Lessons", flush=True)
@@ -81,6 +82,19 @@ def assemble(source):
     script(data / "ground_data.js", GROUND_DATA=lessons.on_the_ground())
     named = [f"{slug.replace('_', ' ').capitalize()} <{slug}>" for slug in slugs]
     write(source / "effects" / "index.md", CONTENTS, "Effects", [*named, "../own_effect"])
+
+
+def settings():
+    """The numbers by which a diagnosis decides, and where they come from."""
+    from corridor.diagnosis.settings import table
+
+    return f"""# Numbers of a diagnosis
+
+A diagnosis decides by these. `diagnosis.json` has those that were used;
+`diagnose(settings=Settings(...))` takes others.
+
+{table()}
+"""
 
 
 def folded(notebook):

@@ -47,3 +47,28 @@ def test_two_builds_of_one_source_are_the_same_bytes(built):
         for folder in built
     )
     assert len(first) == 2 and first == second
+
+
+def test_the_wheel_checks_a_block_from_a_foreign_folder(built, tmp_path):
+    """As `uvx --from dist/corridor.whl corridor check BLOCK` does, but with the libraries at hand.
+
+    Nothing of the clone is on the path: neither its folder nor its data.
+    """
+    wheel = next(built[0].glob("*.whl"))
+    place, foreign = tmp_path / "site", tmp_path / "elsewhere"
+    command = [sys.executable, "-m", "pip", "install", "--no-deps", "--no-index", "-q"]
+    done = subprocess.run([*command, "--target", str(place), str(wheel)], capture_output=True)
+    assert done.returncode == 0, done.stderr
+    shutil.copytree(ROOT / "data_synthetic" / "dike", foreign / "data_synthetic" / "dike")
+    environment = os.environ | {"PYTHONPATH": str(place)}
+    words = ["check", "data_synthetic/dike", "-o", "out", "--quick", "--required", "0.03"]
+    run = [sys.executable, "-c", "import corridor, sys; print(corridor.__file__)"]
+    where = subprocess.run(run, cwd=foreign, env=environment, capture_output=True, text=True)
+    assert Path(where.stdout.strip()).is_relative_to(place)
+    done = subprocess.run(
+        [sys.executable, "-m", "corridor", *words],
+        cwd=foreign, env=environment, capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "Good enough" in done.stdout and (foreign / "out" / "report.html").is_file()
+    assert (foreign / "out" / "take_back" / "settings.txt").is_file()

@@ -36,5 +36,46 @@ def test_every_dependency_is_pinned_to_a_version_and_to_no_address():
     assert names <= pinned
 
 
+def test_what_is_hashed_is_what_is_pinned():
+    """requirements-hashed.txt: each package of `corridor[all]` at its pin, with SHA-256."""
+    text = (ROOT / "requirements-hashed.txt").read_text(encoding="utf-8")
+    text = re.sub(r"^#.*\n", "", text, flags=re.MULTILINE).replace("\\\n", " ")
+    hashed = {}
+    for line in text.splitlines():
+        pin, *hashes = re.split(r"\s+--hash=", line.strip())
+        assert hashes and all(re.fullmatch(r"sha256:[0-9a-f]{64}", one) for one in hashes), pin
+        name, _, version = pin.partition(";")[0].strip().partition("==")
+        hashed[_plain(name)] = version
+    pins = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    pinned = dict(pin.split("==") for pin in pins if pin and not pin.startswith("#"))
+    pinned = {_plain(name): version for name, version in pinned.items()}
+    # Of other systems alone: what colours a terminal of Windows.
+    assert {name: pinned.get(name, "1") for name in hashed.keys() - {"colorama"}} == {
+        name: version for name, version in hashed.items() if name != "colorama"
+    }
+    project = SETTINGS["project"]
+    extras = project["optional-dependencies"]
+    wanted = [*project["dependencies"], *(x for e in _all(extras) for x in extras[e])]
+    assert {_plain(re.match(r"[A-Za-z0-9._-]+", x)[0]) for x in wanted} <= hashed.keys()
+
+
+def _all(extras):
+    return re.fullmatch(r"corridor\[(.*)\]", extras["all"][0])[1].split(",")
+
+
+def test_the_conda_recipe_asks_for_what_the_project_asks_for():
+    text = (ROOT / "conda" / "meta.yaml").read_text(encoding="utf-8")
+    listed = re.findall(
+        r"^    - ([\w-]+) ?([<>=0-9.,]*)$", text[text.index("  run:") :], re.MULTILINE
+    )
+    recipe = dict(listed)
+    # Other names of the same there; the headless build of OpenCV is a pip matter.
+    names = {"matplotlib": "matplotlib-base", "opencv-python-headless": "py-opencv"}
+    for text in SETTINGS["project"]["dependencies"]:
+        name, bounds = re.fullmatch(r"([\w-]+)(.*)", text).groups()
+        assert recipe[names.get(name, name)] == bounds
+    assert recipe["python"] == SETTINGS["project"]["requires-python"]
+
+
 def _plain(name):
     return re.sub(r"[-_.]+", "-", name).lower()

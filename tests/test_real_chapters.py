@@ -49,5 +49,5 @@ def test_the_focal_length_of_the_phantom_is_the_one_that_chapter_5_shows(real_da
         special_plot(real_data), camera="fraser8", lever_arm="fixed", loss="huber:2",
         effects=["rolling_shutter", "clock_offset"],
     ).camera.set_index("parameter").loc["f"]  # fmt: skip
-    value, sigma = stored("05_missing_effect", "with the two that are named")
+    value, sigma = stored("05_missing_effect", "with shutter and clock")
     assert found["value"] == pytest.approx(value, abs=0.5 + 0.1 * sigma)

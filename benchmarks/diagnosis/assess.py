@@ -140,6 +140,7 @@ def parameter_errors(said: dict, truth: Truth) -> list[dict]:
 
 
 def _true(one: Hidden, effect: dict, name: str) -> float | None:
-    owners = [effect.get("flight"), effect.get("point"), effect.get("camera"), "", None]
+    kinds = ("flight", "point", "camera", "survey")
+    owners = [*(effect.get(kind) for kind in kinds), "", None]
     found = [one.values[owner, name] for owner in owners if (owner, name) in one.values]
     return found[0] if found else None

@@ -20,8 +20,8 @@ from corridor.core.errors import InputError
 class Hidden:
     """One hidden effect.
 
-    values: (owner, parameter) -> number; the owner is a flight, an image, a control point, or
-    empty for the block. where: keys of `location` in diagnosis.json.
+    values: (owner, parameter) -> number; the owner is a flight, an image, a control point, or a
+    survey, empty for the block. where: keys of `location` in diagnosis.json.
     """
 
     slug: str
@@ -89,7 +89,7 @@ def _hidden(entry: Mapping, source: str) -> Hidden:
     if not isinstance(entry, Mapping) or not entry.get("slug"):
         raise InputError(f"{source}: an entry of effects has no slug; name the effect")
     point = entry.get("point")
-    owner = str(entry.get("flight") or point or "")
+    owner = str(entry.get("flight") or point or entry.get("survey") or "")
     values: dict[tuple[str, str], float] = {}
     given = entry.get("parameters") or {}
     if not isinstance(given, Mapping):

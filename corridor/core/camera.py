@@ -80,6 +80,11 @@ class Camera:
 
         Raises InputError, without the name of the file, where the table cannot be a camera.
         """
+        if not isinstance(table, Mapping):
+            raise InputError(
+                f"camera.{name} = {table!r} is not a camera: give it a name, as [camera.P1], with "
+                "width, height and f below"
+            )
         table = dict(table)
         where = f"[camera.{name}]"
         missing = [key for key in ("width", "height", "f") if key not in table]

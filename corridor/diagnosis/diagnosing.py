@@ -10,7 +10,7 @@ from corridor.core.adjustment import Adjustment, Model, Run, implausible, sound_
 from corridor.core.block import Block, read
 from corridor.core.engine.threads import one_thread
 from corridor.core.options import options
-from corridor.core.output import counted, plain
+from corridor.core.output import plain
 from corridor.core.preparation import derived, doubts, prepare
 from corridor.diagnosis.anomalies.variance import variance_alarms
 from corridor.diagnosis.anomalies.wrong_matches import broken_picture, outlier_clusters, shows_as
@@ -22,6 +22,7 @@ from corridor.diagnosis.report import actions, as_html, as_text, evidence, save,
 from corridor.diagnosis.report.beside import beside
 from corridor.diagnosis.rounds import Question, course_of
 from corridor.diagnosis.settings import Settings, using
+from corridor.diagnosis.verification.halves import compare_halves
 from corridor.diagnosis.verification.held_out import check_sigmas
 from corridor.diagnosis.verification.verification import Verification
 
@@ -47,6 +48,8 @@ class Diagnosis(Diagnosed):
                 "verdict": self.verdict,
                 "sentence": self.sentence,
                 "actions": self.actions,
+                "p_nothing": self.p_nothing,
+                "halves": self.halves.to_dict(),
                 "required": self.required,
                 "effects": self.effects,
                 "unknown": self.unknown,
@@ -107,13 +110,7 @@ def _diagnose(
     notes = [*left_out, *notes]
     believed = ReferenceModel.of(block, model, run)
     course = course_of(believed, asked, run.say)
-    fallen = len(block.tie_points) - len(believed.block.tie_points)
-    if fallen:
-        block = believed.block
-        notes.append(
-            f"{counted(fallen, 'measurement')} of tie points that the believed model drew into a "
-            "camera left out: their rays are nearly parallel, or their matches are wrong."
-        )
+    block, notes = believed.block, [*believed.left_out, *notes]
     run.say("measuring the gap")
     held = Verification(believed, course, findings(course), asked.seed)
     before, last = course.first, course.last
@@ -122,6 +119,8 @@ def _diagnose(
     _add_discontinuity(found, before, last.adjustment)
     untestable = sorted(course.candidates.untestable.items())
     limits = detection_limits(last)
+    run.say("comparing two halves of the images")
+    halves = compare_halves(believed, course.members(last.keys), last.noise, last.lens)
     last.let_go()
     return Diagnosis(
         block=block,
@@ -132,6 +131,7 @@ def _diagnose(
         findings=found,
         gap=held.gap(after),
         check_sigmas=check_sigmas(after),
+        halves=halves,
         detection_limits=limits,
         untestable=[{"slug": slug, "missing": missing} for slug, missing in untestable],
         lens=held.lens,
@@ -141,6 +141,7 @@ def _diagnose(
             *implausible(before),
             *course.notes,
             *course.impossible.values(),
+            *course.idle,
             *notes,
             *held.notes,
         ],

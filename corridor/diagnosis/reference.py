@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from corridor.core import adjustment
 from corridor.core.adjustment import (
     REFERENCE_CAMERA,
-    SEES_ARM_M,
     Adjustment,
     Model,
     Run,
@@ -20,13 +19,16 @@ from corridor.core.adjustment import (
 from corridor.core.block import Block
 from corridor.core.brief import brief
 from corridor.core.effects import Effect, believed_of
-from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.core.geometry import robust_scale
+from corridor.core.errors import AdjustmentFailed
 from corridor.diagnosis.noise.image import scale_of
 from corridor.diagnosis.settings import SETTINGS
 
 # Step, in standard deviations, below which only weights are still on their way.
 CREEPING = 0.1
+# Damping, as a share of the diagonal, that shortens no step but along what nothing determines.
+HARDLY_DAMPED = 1e-6
+# Iterations over which the cost of one that has settled is compared.
+_LAST = 5
 
 
 @brief
@@ -38,7 +40,8 @@ class ReferenceModel:
     and cameras were left by an adjustment: the next one starts from there, its robust loss anew.
     astray: that one went far: what is added begins where the block states, not in its wrong valley.
     scale: of Student's t in stated standard deviations, as that adjustment's tie points have it.
-    run: how it is adjusted, in silence; max_iterations None: as the settings say.
+    left_out: a sentence on each kind of what it could not use. run: how it is adjusted, in silence;
+    max_iterations None: as the settings say.
     """
 
     block: Block
@@ -47,6 +50,7 @@ class ReferenceModel:
     begun: Block | None = None
     scale: float = 1.0
     astray: bool = False
+    left_out: list[str] = field(default_factory=list)
 
     @classmethod
     def of(cls, block: Block, model: Model, run: Run | None = None) -> ReferenceModel:
@@ -79,33 +83,39 @@ class ReferenceModel:
             out[str(which)] = wish.prior
         return out
 
-    def _run(self, block: Block, model: Model, brief: bool) -> Adjustment:
-        """brief: shapes with a hundred parameters creep to an end that they need not reach.
+    def _refitted(self, block: Block, model: Model, brief: bool, near: bool) -> Adjustment:
+        """By the solver alone: all adjustments that are compared are of the same observations.
 
-        They are given time where the cost still falls: what they start from is nowhere near.
+        brief: few iterations are given, and more where the cost still falls.
         """
         most = self.run.max_iterations or SETTINGS.iterations
-        few = min(SETTINGS.iterations_of_shapes, most)
-        for iterations in (few, most) if brief else (most,):
-            # What is held out must not take images with it: after the first the block is sound, or
-            # refused, and all adjustments are of the same observations.
-            strict = self.run.strict or self.begun is not None
-            run = Run(self.run.threads, max_iterations=iterations, strict=strict)
-            result = adjustment.adjust(block, model=model, run=run, weights="stated")
-            *_, before, last = (0.0, 0.0, *(step["cost"] for step in result.history))
-            if result.converged or abs(before - last) < SETTINGS.creeping * last:
+        few = SETTINGS.iterations_of_shapes if brief or near else SETTINGS.iterations_asked
+        for iterations in (min(few, most), most):
+            run = replace(self.run, max_iterations=iterations)
+            result = adjustment.refit(block, model, run, near)
+            cost = [step["cost"] for step in result.history]
+            settled = SETTINGS.creeping if brief or near else SETTINGS.settled
+            if result.converged or cost[-min(_LAST, len(cost))] - cost[-1] < settled * cost[-1]:
                 break
         return result
 
-    def adjust(self, more: Iterable[Effect] = (), block: Block | None = None) -> Adjustment:
+    def _first(self, model: Model) -> Adjustment:
+        """By the verb, which decides what all others go by."""
+        most = self.run.max_iterations or SETTINGS.iterations
+        run = Run(self.run.threads, max_iterations=most, strict=self.run.strict)
+        return adjustment.adjust(self.block, model=model, run=run, weights="stated")
+
+    def adjust(
+        self, more: Iterable[Effect] = (), block: Block | None = None, near: bool = False
+    ) -> Adjustment:
         """The robust adjustment with more effects.
 
+        near: as a rival of what has been fitted: it begins beside that, and a few iterations tell.
+        Shapes with a hundred parameters creep to an end that they need not reach either.
         Effects that can do what a free camera can are held by a wide prior, those of single images
         by the spread one would expect of them, and what can only be so large by that.
         """
         more = list(more)
-        if self.begun is None:
-            self._free_arm_that_is_seen()
         priors = self.priors_of(more)
         for effect in more:
             held = effect.stands_in_for or effect.generic or effect.group in ("image", "point")
@@ -122,62 +132,55 @@ class ReferenceModel:
         if self.begun is not None and not (more and self.astray):
             near = self.begun
             block = replace(block, images=near.images, points=near.points, cameras=near.cameras)
+        first = self.begun is None
+        # Positions of metres are weighted by their scatter first, for which squares do.
+        coarse = first and arms_unseen(block)
         model = replace(
             self.model.with_priors(priors),
             effects=[*self.effects, *more],
-            loss=f"cauchy:{SETTINGS.cauchy_width * self.scale!r}",
+            loss="squares" if coarse else f"cauchy:{SETTINGS.cauchy_width * self.scale!r}",
         )
-        result = self._run(block, model, any(effect.generic for effect in more))
+        if first:
+            result = self._first(model)
+        else:
+            near = near and not self.astray
+            result = self._refitted(block, model, any(effect.generic for effect in more), near)
         # Warnings compare what comes out with what the block states, not with where it began.
         result.start = replace(result.start, cameras=self.block.cameras)
-        if self.begun is not None:
+        if not first:
             return result
         _refuse_astray(result)
-        self.astray = result.iterations > SETTINGS.usual_iterations
-        self.begun, self.scale = result.start_again, _scale(result)
-        # What the first one decided holds for all that are compared with it.
-        arm = "free" if result.problem.arms_free else "fixed"
-        self.model = replace(self.model, lever_arm=arm)
-        self.block = replace(
-            self.block,
-            tie_points=result.block.tie_points,
-            gnss=result.start.gnss,
-            extra=result.start.extra,
-        )
+        self._decided_by(result)
         result = self.adjust(more)
         _refuse_astray(result)
         return result
 
-    def _free_arm_that_is_seen(self) -> None:
-        """Free lever arms that nobody stated where the positions tell them.
-
-        An adjustment holds them where the stated standard deviations are too coarse to see them;
-        positions are often better than what an importer states. A candidate that is held by default
-        would be tested against a noise that its being held has made.
-        """
+    def _decided_by(self, result: Adjustment) -> None:
+        """What the first adjustment decided holds for all that are compared with it."""
+        self.astray = result.iterations > SETTINGS.usual_iterations
+        self.begun, self.scale = result.start_again, _scale(result)
+        arm = "free" if result.problem.arms_free else "fixed"
+        self.model = replace(self.model, lever_arm=arm)
+        images = set(result.problem.images.names)
+        self.left_out = [note for note in result.notes if "left out" in note]
         block = self.block
-        stated = block.lever_arm_fixed or block.lever_arm or self.model.lever_arm is not None
-        if stated or not len(block.gnss) or not arms_unseen(block):
-            return
-        model = replace(
-            self.model, lever_arm="free", loss=f"cauchy:{SETTINGS.cauchy_width * self.scale!r}"
+        if len(images) < len(block.images):
+            block = block.select(images=[n for n in block.images["image"] if n in images])
+        self.block = replace(
+            block,
+            tie_points=result.block.tie_points,
+            gnss=result.start.gnss,
+            extra=result.start.extra,
         )
-        try:
-            found = self._run(block, model, False)
-        except (InputError, AdjustmentFailed):
-            return
-        left = found.residuals["gnss"][["vx", "vy"]].to_numpy()
-        if found.converged and robust_scale(left, axis=0).max() <= SEES_ARM_M:
-            self.model = replace(self.model, lever_arm="free")
 
 
 def _refuse_astray(result: Adjustment) -> None:
     """Raises AdjustmentFailed where the iterations are nowhere near their end.
 
-    The weights of a robust loss may creep for long, in small steps that need no damping.
+    The weights of a robust loss may creep for long, in small steps that need hardly any damping.
     """
     last = result.history[-1]
-    if result.converged or (last["damping"] == 0.0 and last["step"] < CREEPING):
+    if result.converged or (last["damping"] <= HARDLY_DAMPED and last["step"] < CREEPING):
         return
     raise AdjustmentFailed(
         f"the adjustment of {result.start.name} did not converge in {result.iterations} "

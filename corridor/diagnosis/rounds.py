@@ -21,6 +21,7 @@ from corridor.diagnosis.evidence.beside_noise import NoiseModel, beyond_noise, t
 from corridor.diagnosis.evidence.blunders import Blunders, blunders, price, stands
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.lens import Lens, lens_group, lens_of, names_of_lens
+from corridor.diagnosis.evidence.nothing import probability_of_nothing
 from corridor.diagnosis.evidence.plausibility import impossible, plausible
 from corridor.diagnosis.evidence.scores import Influence, as_spread, drawn, inflation_of_scores
 from corridor.diagnosis.evidence.search import Found, search, thresholds
@@ -41,8 +42,9 @@ class Round:
     """One pass: the adjustment it began with, what it found there, and by which limits.
 
     keys: of the groups that were found. lens: as it is beside them. wrong: control points among
-    them that failed their test. Of large blocks the last round alone keeps its equations and
-    evidence, until it is saved.
+    them that failed their test. beside_nothing: with the noise of the GNSS beside the model it
+    began with, of the first round, until it has been asked. Of large blocks the last round alone
+    keeps its equations and evidence, until it is saved.
     """
 
     adjustment: Adjustment
@@ -56,6 +58,7 @@ class Round:
     log: dict = field(default_factory=dict)
     lens: Lens | None = None
     wrong: Blunders = Blunders()
+    beside_nothing: Evidence | None = None
 
     def let_go(self) -> None:
         """Forget what can be made anew, once the findings are known."""
@@ -85,7 +88,7 @@ class Course:
     """All rounds. first: the adjustment of the believed model; candidates: what was tested.
 
     impossible: keys of groups that would need a size which does not happen, and a sentence each.
-    draws: what independent noise leaves of itself, see `clusters`.
+    draws: what independent noise leaves of itself, see `clusters`. p_nothing: see `nothing`.
     """
 
     first: Adjustment
@@ -94,6 +97,17 @@ class Course:
     notes: list[str] = field(default_factory=list)
     impossible: dict[str, str] = field(default_factory=dict)
     draws: list[np.ndarray] = field(default_factory=list)
+    p_nothing: float = 1.0
+
+    @property
+    def idle(self) -> list[str]:
+        """A sentence on each shape that the last round found and that does nothing."""
+        called = {effect.slug: effect.called for effect in self.candidates.effects}
+        return [
+            f"Residuals hang together as in {called[key]}; it neither moves the ground nor changes "
+            "the residuals enough to matter, and is no finding."
+            for key in self.last.log["idle"]
+        ]
 
     @property
     def last(self) -> Round:
@@ -154,6 +168,10 @@ def course_of(
         one = _round(course, adjustment, believed, model, threshold)
         threshold = one.threshold
         course.rounds.append(one)
+        if not number:
+            rng = np.random.default_rng([asked.seed, 1])
+            course.p_nothing = probability_of_nothing(one.beside_nothing, rng)
+        one.beside_nothing = None
         if number == SETTINGS.most_refits:
             break
         if set(one.keys) == set(model):
@@ -245,7 +263,8 @@ def _round(
     """A search beside the lens as it is beside what that search finds."""
     effects = course.candidates.effects
     e = equations(adjustment, effects, believed.priors_of(effects))
-    asked = _Asked(adjustment, e, model, course.impossible, course.draws)
+    noise = course.last.noise if course.rounds else None
+    asked = _Asked(adjustment, e, model, course.impossible, course.draws, noise)
     whole, shape = Evidence(Elimination(e, None).reduced()), lens_group(e)
     there = {whole.number[key]: _kappa(whole, key) for key in model if key in whole.number}
     lens = None if shape is None else lens_of(whole, shape, there)
@@ -266,7 +285,7 @@ class _Asked:
     """The equations of a round, and what they say with the GNSS as good as it says.
 
     model: keys of what has been adjusted. barred: keys of what is no explanation, and why; it
-    grows. draws: of the course, made once.
+    grows. draws: of the course, made once. noise: of the GNSS, as the round before has it.
     """
 
     adjustment: Adjustment
@@ -274,6 +293,7 @@ class _Asked:
     model: list[str]
     barred: dict[str, str]
     draws: list[np.ndarray]
+    noise: GnssNoise | None
 
     def search(self, lens: Lens | None, threshold: Threshold) -> Round:
         """What is found beside a lens."""
@@ -286,13 +306,14 @@ class _Asked:
             for group in e.groups
             if group.own is not None and len(group) > images and group.key not in model
         }
-        noises = NoiseModel(plain)
+        noises = NoiseModel(plain, self.noise)
         start = {plain.number[key]: _kappa(plain, key) for key in model if key in plain.number}
         noise, _ = noises.given(start)
         evidence = self._evidence(noise, lens)
         if not isinstance(threshold, dict):
             threshold = threshold(evidence)
         suspected = threshold["suspected"]
+        before = evidence
         found, wrong = self._found(evidence, plain, suspected)
         log = {"model": list(model), "sigma_px": float(np.median(e.scales.of_observation))}
         more = through_noise(noises, plain, evidence, found, threshold, model)
@@ -302,6 +323,9 @@ class _Asked:
             found, wrong = self._found(evidence, plain, suspected)
             log["through_noise"] = [plain.groups[n].key for n in more]
         found = plausible(evidence, found, model, suspected)
+        idle = [n for n in found.chosen if not self._matters(evidence, found, n)]
+        found = found.without(idle)
+        log["idle"] = [evidence.groups[n].key for n in idle]
         found = beyond_noise(noises, found, suspected)
         evidence.inflation = self._inflation(evidence, found)
         found = as_spread(evidence, found, suspected)
@@ -310,7 +334,7 @@ class _Asked:
         log["inflation"] = {key: float(evidence.inflation[n]) for n, key in keys.items()}
         return Round(
             self.adjustment, e, noise, noises, evidence, threshold, found, [*keys.values()], log,
-            wrong=wrong,
+            wrong=wrong, beside_nothing=before,
         )  # fmt: skip
 
     def _evidence(self, noise: GnssNoise | None, lens: Lens | None) -> Evidence:
@@ -329,6 +353,29 @@ class _Asked:
             self.draws += drawn(self.adjustment, self.equations)
         influence = Influence(evidence.reduced.elimination, self.draws)
         return inflation_of_scores(influence, evidence, both)
+
+    def _matters(self, evidence: Evidence, found: Found, n: int) -> bool:
+        """Whether a group of a model does anything to the ground, or to the residuals.
+
+        Residuals of one image always hang together, and a shape of its own in each image follows
+        them. It would be taken out again where it has been adjusted (see `held_out.Cost`, which
+        has the same limits): what it does to data that no fit has used is less than what it does
+        to those of the fit.
+        """
+        group = evidence.groups[n]
+        if group.own is None or not group.generic or group.effect.place != "image":
+            return True
+        e = self.equations
+        rest = {k: kappa for k, kappa in found.chosen.items() if k != n}
+        fit = evidence.given(rest, only=n)[n].fit
+        weight = e.scales.of_observation**-2.0
+        square = float(((e.pixels**2).sum(axis=1) * weight)[np.isfinite(weight)].sum())
+        if 2.0 * fit > (1.0 - SETTINGS.cost_ratio**2) * square:
+            return True
+        values = evidence.of_each_image(found.chosen, n)
+        moved = Influence(evidence.reduced.elimination).ground_moved_by_images(group, values)
+        sigmas = np.abs(moved / self.adjustment.point_sigma)
+        return bool(np.nanmedian(sigmas, axis=0).max() > SETTINGS.cost_sigmas)
 
     def _barred(self) -> set[str]:
         """What is no explanation: impossible sizes, and other names of a lens that is modelled."""

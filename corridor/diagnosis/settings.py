@@ -1,6 +1,6 @@
 """Every number by which a diagnosis decides, with its unit and where it comes from.
 
-Where no source is named the number is a judgement. A diagnosis takes them as its argument
+`SOURCES` says where each comes from. A diagnosis takes them as its argument
 `settings` and writes them into diagnosis.json; `SETTINGS` reads those in use, and `changed` puts
 others in their place for a while, to see what a verdict owes to one of them.
 """
@@ -33,6 +33,10 @@ class Settings:
     # Beyond as many (garfield's 134 to 200) the believed model has bent the block to its errors:
     # a turn of 164 ms fitted from there comes to 130 ms, at a higher cost.
     usual_iterations: int = 100
+    # Iterations after which it is asked whether only weights creep on: five of them gain less than
+    # this share of the cost.
+    iterations_asked: int = 40
+    settled: float = 1e-4
     iterations_of_shapes: int = 6
     creeping: float = 0.05
     # Least share of redundancy that few rays leave.
@@ -56,6 +60,10 @@ class Settings:
     log_prior_generic: float = -4.0
     log_prior_per_image: float = -1.0
     log_prior_ground: float = -0.7
+
+    # --- halves
+    # Chance of an alarm of two halves in a sound block.
+    halves_level: float = 0.01
 
     # --- clusters of residuals
     # Images of a run, and places of the picture (columns, rows) whose residuals hang together.
@@ -258,6 +266,67 @@ class Settings:
     # says nothing of an effect.
     imitation_size: float = 10.0
     unseen_information: float = 1e-3
+
+
+# Where the numbers come from: names by source. The page of settings in the documentation has them.
+SOURCES = {
+    "Heavy tails of matches: Student's t, and Cauchy's weights that go with it": (
+        "student_nu cauchy_width mark_cauchy_width"
+    ),
+    "Kass and Raftery 1995: log evidence is strong from 3, very strong from 5 on": (
+        "named_least suspected_least beside_noise_least model_log_odds look_alike_log_odds"
+    ),
+    "Stated levels: what a user is told of chance": (
+        "control_level halves_level suspected_level_factor suspected_level_most prediction_level "
+        "check_chance check_odds harm_sigma outlier_level variance_level"
+    ),
+    "Baarda 1968: 4.5 standard deviations are seen at 0.1 % with a power of 90 %": (
+        "detection_sigma"
+    ),
+    "Chandler and Bate 2007, Burnham and Anderson 2002: variance of scores by clusters": (
+        "run_of_images places fewest_clusters clusters_of_prior cluster_draws"
+    ),
+    "Makers of receivers (1 cm + 1 ppm, 1.5 cm + 1 ppm); Miller, O'Keefe and Gao 2012": (
+        "carrier_phase_plan carrier_phase_slow time_constant_prior time_constant_range"
+    ),
+    "Weak knowledge of receivers": "white_prior slow_prior noise_factor_range white_of_scatter",
+    "Tuned on simulated blocks of `benchmarks/diagnosis`": (
+        "effect_sizes effect_size_weights log_prior_generic log_prior_per_image log_prior_ground "
+        "leftover_share leftover_share_adjusted share_beside_generic implausible_size "
+        "share_of_its_own gnss_share gnss_share_main overlap_share"
+    ),
+    "Seen on real flights (Saraburi, special_plot, brighton, garfield, sequoia)": (
+        "lens_sizes named_share_of_shape shape_advantage iterations usual_iterations "
+        "iterations_of_shapes creeping cluster_ratio wrong_control cost_ratio"
+    ),
+    "What an estimate can bear: few numbers do not tell their own size": (
+        "least_redundancy stated_mark_weight few_antenna_coordinates fewest_ties fewest_strips "
+        "enough_checks variance_fewest variance_images cluster_fewest cluster_images line_images "
+        "line_prior_pairs in_strip held_out_rays"
+    ),
+    "Time and memory": (
+        "most_refits most_groups shortlist large_block noise_draws null_draws folds "
+        "iterations_asked most_rivals most_shapes most_asked_points most_parts most_free"
+    ),
+    "Wide enough to count as free, small enough to compute with": (
+        "stated_sigma_range prior_of_adjusted free_size held_out_sigma blind_information "
+        "unseen_information imitation_size unknown_sigma_share untimed_step settled"
+    ),
+    "Judgement": (
+        "prior_of_adjusted_per_image least_fit_size noise_draws_widened implausible_sigma "
+        "look_alike_more_parameters same_fit_share held_out_share held_out_places clear_ratio_ties "
+        "clear_ratio_checks clear_ratio_shape cost_sigmas outlier_scales lines line_reach "
+        "line_share cluster_cells cluster_squares cluster_runs variance_ratio vibration_ratio "
+        "strips most_squared place_cells place_share clear_evidence evidence_per_parameter"
+    ),
+}
+
+
+def table() -> str:
+    """All numbers as a table in Markdown: name, usual value, source."""
+    of = {name: source for source, names in SOURCES.items() for name in names.split()}
+    rows = [f"| `{name}` | {value} | {of[name]} |" for name, value in vars(Settings()).items()]
+    return "\n".join(["| Number | Value | Where it comes from |", "|---|---|---|", *rows])
 
 
 class _InUse:

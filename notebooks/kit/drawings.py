@@ -56,7 +56,7 @@ def flight_directions(cases: Mapping[str, Block], title: str, note: str = "") ->
         axes.set_aspect("equal", adjustable="datalim")
         surveyed = block.copy()
         # Thousands of check points from tie points would hide the strips.
-        if len(surveyed.ground) > maps.MANY:
+        if len(surveyed.ground) > maps.DOTS_FROM:
             surveyed.ground = surveyed.ground[surveyed.ground["role"] == "control"]
         maps.draw_ground(axes, frame, surveyed, names=False)
     return figure

@@ -12,8 +12,13 @@ from corridor.core.simulation import CAMLIGHT, add_noise
 NOISE = {"tie_px": 0.3, "mark_px": 0.3, "gnss_m": 0.010, "control_m": 0.004}
 
 
-def flown(effects=None, noise=None, seed=1, calibrated=False, constants=None, **options):
-    """36 images in two flights at two heights, warming up; effects and noise on top."""
+def flown(
+    effects=None, noise=None, seed=1, calibrated=False, constants=None, apart=False, **options
+):
+    """36 images in two flights at two heights, warming up; effects and noise on top.
+
+    apart: control and check points are of two surveys.
+    """
     options = {
         "images": 36,
         "strips": 4,
@@ -26,6 +31,8 @@ def flown(effects=None, noise=None, seed=1, calibrated=False, constants=None, **
     )  # fmt: skip
     if constants:
         block.extra["effect"] = constants
+    if apart:
+        block.ground["group"] = block.ground["role"]
     count = len(block.images)
     block.images["temperature_c"] = 25 + 8 * np.sin(np.arange(count) / 5)
     return add_noise(add(block, effects or {}), **(NOISE | (noise or {})), seed=seed)

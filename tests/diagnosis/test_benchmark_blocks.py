@@ -121,7 +121,6 @@ class TestWhatTheNameCloses:
     @pytest.mark.slow
     def test_control_in_a_datum_of_its_own_leaves_no_height_where_the_arm_is_free(self):
         """Nadir images: GNSS heights know the ground but for the antenna's, which nobody knows."""
-        pytest.skip("the generator states no survey (`group`) for control of another base yet")
         row = self.assessed("control_datum", geometry="nadir")
         assert row["excess"] > 2.0 and row["known_over_twin"] > 5.0
 

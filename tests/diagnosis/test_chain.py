@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from scipy.sparse import csc_array, csr_array
 
-from corridor.diagnosis.system.chain import Chain, block_ends
+from corridor.diagnosis.system.chain import Chain, blocks_of
 
-IMAGES, OWN, REACH, BORDER = 120, 3, 2, 4
+IMAGES, OWN, REACH, BORDER = 120, 3, 17, 4
 
 
 def chained(seed=0):
-    """Symmetric (n, n), images meeting the next two and a border; ends of the blocks."""
+    """Symmetric (n, n), images meeting the next two and a border; ends of the blocks,
+    and of what each meets."""
     rng = np.random.default_rng(seed)
     n = IMAGES * OWN
     image = np.repeat(np.arange(IMAGES), OWN)
@@ -20,15 +21,15 @@ def chained(seed=0):
     A[n:, :n] = 0.3 * rng.standard_normal((BORDER, n))
     A = A + A.T
     A[np.diag_indices_from(A)] = np.abs(A).sum(axis=1) + 0.1
-    ends = block_ends(np.minimum(np.arange(IMAGES) + REACH, IMAGES - 1))
-    return A, ends * OWN
+    ends, reach = blocks_of(np.minimum(np.arange(IMAGES) + REACH, IMAGES - 1))
+    return A, ends * OWN, reach * OWN
 
 
 @pytest.fixture(scope="module")
 def chain():
-    A, ends = chained()
+    A, ends, reach = chained()
     assert len(ends) > 5
-    return A, Chain(csc_array(A), ends, BORDER)
+    return A, Chain.of(csc_array(A), ends, reach, BORDER)
 
 
 def test_solutions_are_those_of_the_dense_matrix(chain):
@@ -60,16 +61,18 @@ def test_the_inverse_within_the_pattern_is_that_of_the_dense_matrix(chain):
 
 
 def test_a_matrix_that_is_none_of_a_variance_is_refused():
-    A, ends = chained()
+    A, ends, reach = chained()
     A[7, 7] = -1.0
     with pytest.raises(np.linalg.LinAlgError):
-        Chain(csc_array(A), ends, BORDER)
+        Chain.of(csc_array(A), ends, reach, BORDER)
 
 
-def test_blocks_meet_their_neighbours_only():
-    """Reach of 20, then of 1: no block meets the one after the next."""
+def test_blocks_reach_as_far_as_any_image_until_there():
+    """Reach of 20, then of 1: the window follows, and never falls back."""
     reach = np.minimum(np.arange(200) + np.where(np.arange(200) < 100, 20, 1), 199)
-    ends = block_ends(reach)
-    assert ends[-1] == 200 and (np.diff(ends) > 0).all()
+    ends, behind = blocks_of(reach)
+    assert ends[-1] == behind[-1] == 200 and (np.diff(ends) > 0).all()
+    assert (np.diff(behind) >= 0).all() and (behind >= ends).all()
     block = np.searchsorted(ends, np.arange(200), side="right")
-    assert (block[reach] - block <= 1).all()
+    assert (reach < behind[block]).all()
+    assert (behind - ends).max() == 20 and (behind - ends)[-3:].max() <= 1

@@ -9,7 +9,7 @@ from corridor.core.effects import find
 from corridor.core.simulation import add_noise
 from corridor.diagnosis.noise.gnss import stated_noise
 from corridor.diagnosis.noise.likelihood import Arguments, derivatives, estimate, value_of
-from corridor.diagnosis.system.elimination import Elimination, rows_of
+from corridor.diagnosis.system.elimination import Elimination, Static, rows_of
 from corridor.diagnosis.system.equations import equations
 
 SLUGS = ["gnss_bias", "rolling_shutter", "row_polynomial", "rolling_shutter_rotation"]
@@ -39,8 +39,10 @@ def defined(e, made):
     for rows, f, axis in made.noise.blocks():
         covariance[np.ix_(rows, rows)] += sum(made.noise.parts(rows, f, axis))
     weight, J = np.linalg.inv(covariance), made.jacobian.toarray()
-    N = made._static.toarray() + J.T @ weight @ J
-    t, r = made._static_right + J.T @ weight @ made._residual, made._residual
+    lower = Static.of(e, [group for group, _ in made.rows]).matrix.toarray()
+    priors = np.concatenate([np.zeros(len(e.first)), made.sizes**-2.0])
+    N = lower + np.tril(lower, -1).T + np.diag(priors) + J.T @ weight @ J
+    t, r = made._right + J.T @ weight @ made._residual, made._residual
     unit = 1.0 / np.sqrt(np.diag(N))
     logdet = np.linalg.slogdet(N * unit * unit[:, None])[1] - 2.0 * np.log(unit).sum()
     fit = 0.5 * (unit * t) @ np.linalg.solve(N * unit * unit[:, None], unit * t)

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from believing import believed
+from believing import flown as two_flights
 from strips import corridor_block
 
 from corridor.core.adjustment import Model
@@ -212,3 +213,42 @@ def doubled(block):
             both = both.astype({"image": "category", "point": "category"})
         setattr(out, name, both)
     return out
+
+
+class TestShapesOfEachImage:
+    """Residuals of one image hang together: what does nothing else is no finding."""
+
+    @staticmethod
+    def diagnosed(size):
+        """Rows of each image shifted by `size` times what is usual, noise of 0.3 px."""
+        block, rng = two_flights(), np.random.default_rng(5)
+        values = {
+            p.name: {
+                image: size * p.scale * rng.standard_normal() for image in block.images["image"]
+            }
+            for p in find("row_polynomial").parameters(block)
+        }
+        only = ["row_polynomial", "rolling_shutter", "focal_drift", "control_blunder", "gnss_bias"]
+        return diagnose(add(block, {"row_polynomial": values}), only=only)
+
+    def test_small_ones_are_told_and_not_adjusted(self):
+        found = self.diagnosed(0.3)
+        assert found.verdict == "nothing"
+        assert any("neither moves the ground" in note for note in found.notes)
+        assert [one.log["model"] for one in found.course.rounds] == [[]]
+
+    def test_large_ones_are_something_outside_the_catalogue(self):
+        found = self.diagnosed(3.0)
+        assert found.verdict == "unknown" and "row_polynomial" in found.course.last.log["found"]
+
+
+def test_another_lens_in_the_second_flight_is_told_from_there_on():
+    """k1 larger by 0.004, as after a knock: the common part of both flights is the camera's."""
+    block = two_flights()
+    first, second = block.flight_names
+    lens = {"radial_distortion_per_flight": {"k1": {first: 0.0, second: 0.004}}}
+    found = diagnose(add(block, lens))
+    assert "from flight F2 on k1" in found.sentence
+    key = "change_from_flight_before"
+    (change,) = [one[key][0] for one in found.effects if key in one]
+    assert change["value"] == pytest.approx(0.004, abs=3.0 * change["sigma"])

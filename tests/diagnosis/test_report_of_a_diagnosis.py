@@ -21,6 +21,7 @@ from corridor.diagnosis.report import folder as writing
 from corridor.diagnosis.report import tables
 from corridor.diagnosis.report.sentence import seen_best, sentence
 from corridor.diagnosis.report.wording import placed, scaled, to_add, two_digits, value_and_sigma
+from corridor.diagnosis.verification.halves import Halves
 
 READOUT = 0.025
 
@@ -269,6 +270,7 @@ def told(verdict, effects=(), unknown=(), check=(0.0195, 0.0041), tie=(0.279, 0.
     return sentence(
         SimpleNamespace(
             verdict=verdict, block=None, level=0.01, alarms=[], untestable=[], check_sigmas=None,
+            p_nothing=0.46, halves=Halves(),
             findings=SimpleNamespace(effects=list(effects), unknown=list(unknown)),
             detection_limits=limits or {},
             gap={
@@ -356,7 +358,8 @@ class TestSentence:
         limits = {"rolling_shutter": {"readout": 0.004}, "gnss_bias": {"x": None}}
         assert told("nothing", limits=limits) == (
             "Nothing is missing from the model that this flight could show. Would have "
-            "been seen: the camera's rolling shutter from readout 4.0 ms on."
+            "been seen: the camera's rolling shutter from readout 4.0 ms on. "
+            "If nothing is missing, signs as strong come by chance: p = 0.46."
         )
 
     @pytest.mark.parametrize(

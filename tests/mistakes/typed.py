@@ -9,7 +9,7 @@ VERBS = {
         ("ajust BLOCK", 2, r"did you mean adjust\?"),
         ("diagnosis BLOCK", 2, r"did you mean diagnose\?"),
         ("simulation PLAN", 2, r"did you mean simulate\?"),
-        ("", 2, "required: VERB"),
+        ("", 2, "corridor check PROJECT"),
         ("BLOCK", 2, "is unknown: choose from 'adjust'"),
         ("--verson", 2, "see `corridor --help`"),
     ],

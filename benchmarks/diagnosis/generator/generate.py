@@ -286,6 +286,8 @@ def write_down(scene, world, case, errors, name):
             "role": np.where(scene.control, "control", "check"),
         }
     )  # fmt: skip
+    if world.surveys is not None:
+        tables["ground"]["group"] = world.surveys
     size = {"width": case.width, "height": case.lines, "row_direction": case.row_direction}
     lens = scene.stated | {"calibrated": True} if case.calibrated else {"f": case.f + 4.0}
     # Without antenna positions a lever arm has nothing to say.

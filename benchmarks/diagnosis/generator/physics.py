@@ -333,7 +333,8 @@ def control_datum(scene, world, amplitude, rng):
     """The control points were surveyed from another base. Check points stay true. amplitude: m."""
     wrong = some_way(rng, amplitude)
     world.survey = world.survey + scene.control[:, None] * wrong
-    return [entry("control_datum", "m", xyz(wrong))]
+    world.surveys = np.where(scene.control, "control", "check")
+    return [entry("control_datum", "m", xyz(wrong), survey="control")]
 
 
 @effect

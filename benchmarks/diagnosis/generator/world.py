@@ -73,7 +73,8 @@ class World:
     (u, v) -> gain at unit focal length. plane: laws (x, y, image) -> gain, px, where the rays would
     have fallen. air: strength of the refraction. ground_moves(position, image) -> m.
     arm: (flights, 3) m. late: (m,) true minus stated time, s. antenna: laws (time, position,
-    flight) -> (n, 3) m, measured minus true. survey: (g, 3) m, given minus true.
+    flight) -> (n, 3) m, measured minus true. survey: (g, 3) m, given minus true. surveys (g,):
+    names of the surveys the points are of, None where they are of one.
     """
 
     readout: float = 0.0
@@ -90,6 +91,7 @@ class World:
     late: np.ndarray | float = 0.0
     antenna: list[Callable] = field(default_factory=list)
     survey: np.ndarray | float = 0.0
+    surveys: np.ndarray | None = None
 
 
 def photograph(scene, world, position, image):

@@ -7,7 +7,7 @@ determines is `Singular`.
 """
 
 from corridor.core.adjustment.absolute_orientation import AbsoluteOrientation, lay_on_control
-from corridor.core.adjustment.adjusting import Run, adjust, complete
+from corridor.core.adjustment.adjusting import Run, adjust, complete, refit
 from corridor.core.adjustment.check_statistics import check_table
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.datum import QUANTITIES
@@ -34,7 +34,7 @@ from corridor.core.adjustment.regression import PointGains, point_gains
 from corridor.core.adjustment.result import Adjustment, not_converged
 from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.variance_components import gnss_of_metres
-from corridor.core.adjustment.warnings import grave, implausible
+from corridor.core.adjustment.warnings import grave, implausible, tested_by
 from corridor.core.geometry import Similarity, similarity
 
 __all__ = [
@@ -73,7 +73,9 @@ __all__ = [
     "make_problem",
     "not_converged",
     "point_gains",
+    "refit",
     "similarity",
     "solve",
     "sound_part",
+    "tested_by",
 ]

@@ -45,6 +45,8 @@ START_LENS = {"k1": 0.1, "k2": 0.1}
 _WILD = 0.1
 # Of the images so many at most may be left out because nothing determines their poses.
 _SPARE = 0.05
+# Points that two images need to be oriented to each other (Nistér 2004).
+_FOR_A_PAIR = 5
 # A point that ends this near to a camera, of where it began, has fallen into it.
 _FALLEN = 0.1
 
@@ -167,6 +169,23 @@ def adjust(
     return result
 
 
+def refit(block: Block, model: Model, run: Run, near: bool = False) -> Adjustment:
+    """One adjustment of a block that is ready, for comparison with others of the same.
+
+    Every observation counts as it is stated: nothing is derived, weighted anew or left out, but for
+    the size of errors of velocities that are unknowns, where the model does not state it.
+    near: the start is near the result: a robust loss counts at once, and that size is as usual.
+    Raises InputError and AdjustmentFailed as `adjust` does.
+    """
+    run = replace(run, strict=True)
+
+    def once(part: Block, model: Model) -> Adjustment:
+        return _once(part, model, run, near=near)
+
+    found = once(block, model)
+    return found if near or model.motion else with_motion_as_seen(found, once)
+
+
 def _with_ground_as_seen(
     block: Block, model: Model, whole: Callable[[Block], Adjustment], again: Callable
 ) -> tuple[Adjustment, list[str]]:
@@ -196,9 +215,12 @@ def _used(prepared: Prepared, effects: list[Effect]) -> list[str]:
     return list(dict.fromkeys([*told, *prepared.notes]))
 
 
-def _once(block: Block, model: Model, run: Run, spare: int | None = None) -> Adjustment:
+def _once(
+    block: Block, model: Model, run: Run, spare: int | None = None, near: bool = False
+) -> Adjustment:
     """One adjustment.
 
+    near: whether the start is near the result.
     spare: how many images may be left out because nothing determines their pose; None: a few.
     """
     began = time.perf_counter()
@@ -223,13 +245,16 @@ def _once(block: Block, model: Model, run: Run, spare: int | None = None) -> Adj
     def at(state: State) -> LinearSystem:
         return LinearSystem(problem, state, loss, threads=threads)
 
+    loose = None if run.strict or not spare else _undetermined(at(problem.start))
+    if loose is not None:
+        return _without_image(start, block, *loose, model, run, spare)
     solution, iterations = None, run.max_iterations or ITERATIONS
     try:
         datum = free_network(at(problem.start))
         normal = Normal(problem, loss, threads=threads)
         if datum is not None:
             normal.held = datum.held
-        solution = solve(normal, iterations, say=run.say, equations=datum is None)
+        solution = solve(normal, iterations, say=run.say, near=near, equations=datum is None)
         if not (solution.converged or run.strict) and iterations >= ITERATIONS:
             fallen = _fallen(problem, solution.state)
             if fallen:
@@ -255,15 +280,36 @@ def _once(block: Block, model: Model, run: Run, spare: int | None = None) -> Adj
         error = explain(at(problem.start), singular)
         if run.strict or not own or alone is None or str(alone) not in str(error) or not spare:
             raise error from None
-        return _without_image(start, block, str(alone), model, run, spare, error)
+        return _without_image(start, block, str(alone), error, model, run, spare)
     solution.state = system.state
     return Adjustment(
         start, solution, covariance, time.perf_counter() - began, [*problem.notes, *notes]
     )
 
 
+def _undetermined(system: LinearSystem) -> tuple[str, InputError] | None:
+    """The image with few points whose pose nothing determines, and the error that says so.
+
+    It would keep the iterations from their end. Whether one with more points is undetermined is
+    known only there.
+    """
+    p = system.problem
+    if np.bincount(p.img, minlength=p.image_count).min() >= _FOR_A_PAIR:
+        return None
+    if free_network(system) is not None:
+        return None
+    try:
+        _ = system.factorised
+    except Singular as singular:
+        if singular.shared is None and singular.image is not None and (singular.own or 0) < 6:
+            few = np.count_nonzero(p.img == singular.image) < _FOR_A_PAIR
+            name, error = str(p.images.names[singular.image]), explain(system, singular)
+            return (name, error) if few and name in str(error) else None
+    return None
+
+
 def _without_image(
-    start: Block, block: Block, name: str, model: Model, run: Run, spare: int, error: InputError
+    start: Block, block: Block, name: str, error: InputError, model: Model, run: Run, spare: int
 ) -> Adjustment:
     """The adjustment without an image whose pose nothing determines; else the error."""
     others = block.images.loc[block.images["image"] != name, "image"]

@@ -22,7 +22,8 @@ def misfit(system: LinearSystem, far: bool = False) -> list[str]:
         ("GNSS positions", p.images.names[p.gnss_image], left.gnss),
         ("control points", system.control_names, left.control),
     ):
-        if len(metres) and (not far or np.median(np.linalg.norm(metres, axis=1)) > _LOG_M):
+        # A ground point that is its own start value says nothing.
+        if metres.any() and (not far or np.median(np.linalg.norm(metres, axis=1)) > _LOG_M):
             out.append(_metres(what, names, metres))
     turned = np.degrees(np.linalg.norm(left.attitude, axis=1))
     if len(turned) and (not far or np.median(turned) > _LOG_DEG):

@@ -183,13 +183,15 @@ class Tables(Checked):
             ("tie", p.block.tie_points, slice(0, p.tie_count)),
             ("mark", p.block.marks, slice(p.tie_count, None)),
         ):
+            # Stated sigmas may fit one kind and not the other: half of a kind are no outliers.
+            own = max(usual, robust_scale_of_lengths(length[span]))
             mine = {
                 "vx": v[0, span],
                 "vy": v[1, span],
                 "sigma": sigma[kind],
                 "weight": weight[span],
-                "outlier": is_outlier(length[span], usual),
-                "gross": is_outlier(length[span], usual, GROSS),
+                "outlier": is_outlier(length[span], own),
+                "gross": is_outlier(length[span], own, GROSS),
             }
             shown = {name: rows[name] for name in ("point", "image", "x", "y")}
             frame = pd.DataFrame(shown | mine, copy=False)

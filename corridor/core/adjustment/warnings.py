@@ -285,10 +285,29 @@ def _fit(a):
             "deviations, or the model lacks something."
         )
     if a.redundancy > 30 and 0 < a.sigma0 < 0.5:
+        p = a.problem
+        others = [("GNSS", len(p.gnss_image)), ("control", len(p.control_rows))]
+        beside = " and ".join(name for name, count in others if count)
+        weights = f", so the weights of {beside} against the images are wrong" if beside else ""
         yield (
             f"Sigma naught is {a.sigma0:.3g}: the stated standard deviations are larger than the "
-            "residuals; GNSS and control weigh too much against the images, or too little."
+            f"residuals{weights}."
         )
+
+
+def tested_by(block) -> str:
+    """How the accuracy of a block without check points gets known: an action, without full stop."""
+    if len(block.ground) and len(block.marks):
+        return "Keep surveyed points apart to test it: `corridor adjust BLOCK --check ID,ID`"
+    if len(block.ground):
+        return (
+            "To know its accuracy, measure the ground points in the images: no image shows one "
+            "(marks.csv)"
+        )
+    return (
+        "To know its accuracy, survey points on the ground, measure them in the images, and add "
+        "both with `--ground FILE` of `corridor import`; there are none"
+    )
 
 
 def _wrong_control(a):
@@ -354,8 +373,11 @@ def _insignificant(a):
         & (a.camera["value"].abs() < 2 * a.camera["sigma"])
     ]
     if len(weak):
-        names = [f"{row.parameter} of camera {row.camera}" for row in weak.itertuples()]
-        yield f"Not significantly different from zero: {', '.join(names)}."
+        names = [
+            f"{parameter} of camera {some(rows['camera'], 10)}"
+            for parameter, rows in weak.groupby("parameter", sort=False)
+        ]
+        yield f"Not significantly different from zero: {'; '.join(names)}."
     told = a.effects[a.effects["sigma"] > 0]
     members, block = a.problem.stack.members, a.problem.block
     for slug, mine in told.groupby("slug", sort=False):
@@ -368,6 +390,6 @@ def _insignificant(a):
                 f"none of its {len(mine)} values reaches" if len(mine) > 1 else "it stays below"
             )
             yield (
-                f"Effect {slug} is not shown by this block: {values} two sigmas (largest "
+                f"This block does not show the effect {slug}: {values} two sigmas (largest "
                 f"{share.max():.1f}). Without it everything else is determined better."
             )

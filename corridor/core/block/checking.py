@@ -38,6 +38,12 @@ def check(block, observed: bool = True) -> None:
     observed: whether a block without observations is one.
     """
     _settings(block)
+    for table in ("tie_points", "marks"):
+        # Columns that were put into a block in memory may be texts.
+        frame = getattr(block, table)
+        texts = [name for name in ("point", "image") if not _is_coded(frame[name])]
+        if texts:
+            setattr(block, table, frame.astype(dict.fromkeys(texts, "category")))
     for table in LAYOUTS:
         _names(block, table)
         _numbers(block, table)
@@ -231,6 +237,10 @@ def _observations(block, table: str) -> None:
     key.sort()
     if (key[1:] == key[:-1]).any():
         _refuse_twice(block, table, ("point", "image"), "point {point!r} in image {image!r}")
+
+
+def _is_coded(column: pd.Series) -> bool:
+    return isinstance(column.dtype, pd.CategoricalDtype)
 
 
 def _points_are_one_kind(block) -> None:

@@ -78,15 +78,15 @@ def align(
 
 
 def _offset(track, exposures, systems, time, notes) -> float:
-    for of, other, system, opposite in (
-        (track, exposures, systems[0], systems[1]),
-        (exposures, track, systems[1], systems[0]),
+    for of, other, system, opposite, option in (
+        (track, exposures, systems[0], systems[1], "--track-system"),
+        (exposures, track, systems[1], systems[0], "--images-system"),
     ):
         if system is None:
             than = f"{other.source.name} is in {opposite}" if opposite else "nor does the other"
             raise InputError(
                 f"{of.source.name} does not say in which time system its times are ({than}); give "
-                "it as GPST, UTC, or UTC+hh:mm for a clock that shows a zone's time"
+                f"it with {option}: GPST, UTC, or UTC+hh:mm for a clock that shows a zone's time"
             )
     day = track.day or exposures.day or "2017-01-01"
     offset = ahead_of_utc(systems[0], day) - ahead_of_utc(systems[1], day)

@@ -61,7 +61,8 @@ def world_crs(block: Block) -> str | None:
     """
     local = local_of(block)
     if local is None:
-        return block.crs
+        # A crs that begins with `local` describes a frame in words.
+        return None if block.crs is None or block.crs.startswith("local") else block.crs
     named = block.extra[FRAME].get("crs")
     if named:
         return str(named)

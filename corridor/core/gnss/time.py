@@ -79,7 +79,7 @@ def mjd_day(text: str) -> tuple[str, float]:
 
 
 def seconds_of_clock(text: str) -> float | None:
-    """Seconds of `h:mm:ss.s`; None where a text is no time of a day."""
+    """Seconds of `h:mm:ss.s`; None where a text is not a time of a day."""
     match = _CLOCK.fullmatch(text)
     if not match or int(match[1]) > 24 or int(match[2]) > 59 or float(match[3]) >= 61:
         return None

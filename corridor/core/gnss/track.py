@@ -92,7 +92,8 @@ def check_quality(track: Track) -> None:
     wrong = np.flatnonzero(np.isfinite(quality) & (quality != np.round(quality)))
     if len(wrong):
         raise InputError(
-            f"{track.source.name}, row {wrong[0] + 2}: quality {quality[wrong[0]]:g} is no whole "
+            f"{track.source.name}, row {wrong[0] + 2}: quality {quality[wrong[0]]:g} is not a "
+            "whole "
             "number; write RTKLIB's 1 fix, 2 float, 5 single"
         )
     if len(quality) and (quality == 5).all():

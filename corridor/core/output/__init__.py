@@ -24,7 +24,14 @@ from corridor.core.output.files import (
     write_json,
     write_picture,
 )
-from corridor.core.output.gis import Layer, check_gis, write_geopackage, write_geotiff, write_las
+from corridor.core.output.gis import (
+    Layer,
+    check_gis,
+    on_north_grid,
+    write_geopackage,
+    write_geotiff,
+    write_las,
+)
 from corridor.core.output.json import json_text, plain
 from corridor.core.output.numbers import (
     DASH,
@@ -75,6 +82,7 @@ __all__ = [
     "named_with_units",
     "nice",
     "numbered",
+    "on_north_grid",
     "page",
     "page_with",
     "pdf",

@@ -202,6 +202,24 @@ def write_geotiff(
     path.with_suffix(".qml").write_text(_style(max(most, 1e-6)), encoding="utf-8")
 
 
+def on_north_grid(places: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray]:
+    """Centres (m, 2) of the cells of a grid along x and y, and the row of `places` next to each.
+
+    places (n, 2), m: centres of square cells of this spacing on a grid in another direction, as
+    that of a local frame is in the grid of a map. A cell of the new grid belongs to the nearest of
+    them (nearest neighbour) within half the diagonal of a cell, so no value is averaged.
+    """
+    from scipy.spatial import cKDTree
+
+    low = np.floor(places.min(axis=0) / spacing)
+    high = np.ceil(places.max(axis=0) / spacing)
+    axes = [np.arange(a, b + 1) * spacing for a, b in zip(low, high, strict=True)]
+    grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
+    reach = spacing / np.sqrt(2)
+    distance, row = cKDTree(places).query(grid, distance_upper_bound=reach * (1 + 1e-9))
+    return grid[np.isfinite(distance)], row[np.isfinite(distance)]
+
+
 def _style(most: float) -> str:
     """A style of QGIS: what sank blue, what rose red, from -most to most; nothing white."""
     items = "".join(

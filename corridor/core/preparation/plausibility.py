@@ -94,12 +94,15 @@ def _settings(block: Block) -> Iterator[str]:
         near = did_you_mean(key, _KEYS) if key not in _KEYS else ""
         if near:
             shown = f"[{key}]" if isinstance(value, dict) else key
-            yield f"block.toml: {shown} is known to nobody and not used{near}."
+            yield f"block.toml: {shown} is not known to corridor and not used{near}."
     for name, camera in block.cameras.items():
         for key in camera.extra:
             near = did_you_mean(key, _CAMERA_KEYS) if key not in _CAMERA_KEYS else ""
             if near:
-                yield f"block.toml: {key} of [camera.{name}] is known to nobody and not used{near}."
+                yield (
+                    f"block.toml: {key} of [camera.{name}] is not known to corridor and not "
+                    f"used{near}."
+                )
         if camera["f"] < _WIDEST * max(camera.width, camera.height):
             told = "f is in pixels"
             if camera.pixel_um:

@@ -71,8 +71,8 @@ def _grid(block: Block) -> Iterator[str]:
         return
     yield (
         f"Coordinates are those of the grid {block.crs}, which is not a Cartesian frame: its "
-        f"scale is {1e6 * scale:+.0f} ppm in plan and none in height, which focal lengths take up, "
-        "and the Earth curves below it: points are up to "
+        f"scale is {1e6 * scale:+.0f} ppm horizontally and 0 in height, which focal lengths take "
+        "up, and the Earth curves below it: points are up to "
         f"{_length(curved)} from their places after the best similarity. `corridor import block "
         f"BLOCK -o NEW --to-crs {block.crs}` brings the block into a local frame, and results out "
         f"in {block.crs}."

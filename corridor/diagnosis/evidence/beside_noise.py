@@ -31,8 +31,8 @@ class NoiseModel:
     system, and what is in all models; arguments: what is known of the noise beforehand.
     """
 
-    def __init__(self, evidence: Evidence):
-        """evidence: of a system with the stated noise."""
+    def __init__(self, evidence: Evidence, near: GnssNoise | None = None):
+        """evidence: of a system with the stated noise. near: the noise of an earlier round."""
         self.evidence = evidence
         made = evidence.reduced.elimination
         self.equations = made.equations if made is not None else None
@@ -40,11 +40,11 @@ class NoiseModel:
         self.few = made is None or few_positions(made.equations.system)
         self._touches: dict[tuple, float] = {}
         self._found: dict[tuple, Likely] = {}
-        self._start: np.ndarray | None = None
         if self.few:
             return
         self.stated = stated_noise(made.equations.system)
         self.arguments = Arguments(self.stated)
+        self._near = None if near is None else self.arguments.of(near)
         self._base = made.log_probability
 
     def touches(self, n: int) -> float:
@@ -81,7 +81,7 @@ class NoiseModel:
     def given(self, chosen: Mapping[int, Size]) -> tuple[GnssNoise | None, float]:
         """The noise of a model of groups n -> kappa, and the log probability of the data.
 
-        It is sought from the noise of the model without any, whatever was asked before.
+        It is sought from the noise of the largest part of that model for which it is known.
         """
         if self.few:
             return None, self.evidence.total(chosen)
@@ -97,11 +97,9 @@ class NoiseModel:
     def _likely(self, chosen: Mapping[int, Size]) -> Likely:
         key = tuple((n, np.asarray(chosen[n], dtype=float).tobytes()) for n in sorted(chosen))
         if key not in self._found:
-            if self._start is None:
-                self._start = estimate(self.equations, self.lens, self.arguments).x
-            self._found[key] = estimate(
-                self.equations, self._rows(chosen), self.arguments, self._start
-            )
+            parts = [one for one in self._found if {n for n, _ in one} <= set(chosen)]
+            near = self._found[max(parts, key=len)].x if parts else self._near
+            self._found[key] = estimate(self.equations, self._rows(chosen), self.arguments, near)
         return self._found[key]
 
     def _rows(self, chosen: Mapping[int, Size]):
@@ -123,7 +121,7 @@ class NoiseModel:
         likely = estimate(
             self.equations, self._rows(chosen), self.arguments, self.arguments.of(noise)
         )
-        draws, length = self._near(likely, rng)
+        draws, length = self._drawn(likely, rng)
         log_weight, found = [], []
         for x, away in zip(draws, length, strict=True):
             made = Elimination(
@@ -152,7 +150,7 @@ class NoiseModel:
     def _rows_of_images(self, chosen: Mapping[int, Size]):
         return self._rows(self.evidence.of_images(chosen))
 
-    def _near(self, likely: Likely, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    def _drawn(self, likely: Likely, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Arguments (draws, n) that are likely too, and -2 log of the density of each.
 
         From the normal distribution of the curvature, somewhat widened.

@@ -244,26 +244,33 @@ class Evidence:
                 total += log_weight[np.argmin(np.abs(sizes - np.max(k)))]
         return float(total)
 
-    def solution(self, chosen: Mapping[int, Size]) -> tuple[dict, dict]:
+    def solution(self, chosen: Mapping[int, Size], each_image: bool = True) -> tuple[dict, dict]:
         """Of groups n -> kappa together the parameters (p,) of each, and their covariance (p, p).
 
+        each_image: those with values for each image, too.
         The covariance is that of independent residuals: see `honest`; of values for each image it
         has the diagonal alone. What the data say nothing about (a focal length common to all
         flights, where the camera is free) is zero.
         """
         core, images = self.of_core(chosen), self.of_images(chosen)
+        asked = chosen if each_image else core
         theta, covariance = self._of_core(chosen) if core else (np.zeros(0), np.zeros((0, 0)))
         spans = self.spans(core)
         values = {n: theta[at] for n, at in spans.items()}
         spreads = {n: covariance[at, at] for n, at in spans.items()}
-        if images:
+        if images and each_image:
             whole = self.elimination(chosen)
             number = len(whole.rows) - len(chosen)
             for k, n in enumerate(chosen):
                 if n in images:
-                    value, variance = whole.group(number + k)
-                    values[n], spreads[n] = value, np.diag(variance)
-        return {n: values[n] for n in chosen}, {n: spreads[n] for n in chosen}
+                    values[n] = whole.values(number + k)
+                    spreads[n] = np.diag(whole.variances(number + k))
+        return {n: values[n] for n in asked}, {n: spreads[n] for n in asked}
+
+    def of_each_image(self, chosen: Mapping[int, Size], n: int) -> np.ndarray:
+        """Values (p,) for each image of the n-th group of a model n -> kappa."""
+        whole = self.elimination(chosen)
+        return whole.values(len(whole.rows) - len(chosen) + list(chosen).index(n))
 
     def elimination(self, chosen: Mapping[int, Size]) -> Elimination:
         """The equations with groups n -> kappa, too, as rows."""
@@ -318,8 +325,13 @@ class Evidence:
     def _gain_of_images(self, chosen: Mapping[int, Size], n: int, phi: float) -> Gain:
         """What values for each image add to a model.
 
-        Sizes are asked upwards, from none, as long as they do not fall far behind the best.
+        Sizes are asked upwards, from none, as long as they do not fall far behind the best. Beside
+        other values for each image, which compete with them for the same residuals, they are asked
+        only where they add something without those.
         """
+        shared = self.of_core(chosen)
+        if len(shared) < len(chosen) and self._gain_of_images(shared, n, phi).evidence <= 0.0:
+            return Gain(-np.inf, 1.0, 0.0)
         group, (fit_without, cost_without) = self.groups[n], self.explained(chosen)
 
         def gain(size: float) -> tuple[float, float]:

@@ -80,5 +80,5 @@ def lens_of(evidence: Evidence, group: Group, beside: Mapping[int, float]) -> Le
     best = max(each, key=each.get)
     if each[best] <= 0.0:
         return None
-    theta, _ = evidence.solution({**rest, n: best})
+    theta, _ = evidence.solution({**rest, n: best}, each_image=False)
     return Lens(group, best, each[best], theta[n])

@@ -28,9 +28,9 @@ def impossible(evidence: Evidence, found: Found) -> dict[str, str]:
     free = evidence.freed(found.chosen, SETTINGS.free_size)
     if not any(_bounded(evidence.groups[n]) for n in free):
         return {}
-    theta, covariance = evidence.solution(free)
+    theta, covariance = evidence.solution(free, each_image=False)
     out: dict[str, str] = {}
-    for n in free:
+    for n in theta:
         group = evidence.groups[n]
         if not _bounded(group):
             continue

@@ -66,13 +66,22 @@ class Influence:
 
     def moved_by_images(self, group: Group, values: np.ndarray) -> np.ndarray:
         """What values (p,) for each image, in prior sigmas, move in the pictures (n, 2), px."""
-        e = self.equations
+        return np.nan_to_num(self._here - self._after(self._change_by_images(group, values)))
+
+    def ground_moved_by_images(self, group: Group, values: np.ndarray) -> np.ndarray:
+        """How far values (p,) for each image, in prior sigmas, move the points (n, 3), m."""
+        system, change = self.equations.system, self._change_by_images(group, values)
+        there, here = (system.following(share * change).points for share in (_SHORT, 0.0))
+        return (there - here) / _SHORT
+
+    def _change_by_images(self, group: Group, values: np.ndarray) -> np.ndarray:
+        """Change (n,) of the columns by values (p,) for each image, all else following."""
+        e, at = self.equations, self.elimination.at
         change = np.zeros(len(e.unit))
-        at = self.elimination.at
         change[at] = -e.unit[at] * self.elimination.followed(group, values)
         at = e.own_at[group.own]
         change[at] += e.unit[at] * values
-        return np.nan_to_num(self._here - self._after(change))
+        return change
 
     def by_cluster(self, core: np.ndarray, cluster: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Scores (clusters, k) and information (clusters, k, k) of changes of the core (c, k).
@@ -296,7 +305,7 @@ def _pooled(centre: float, spreads: Iterable[Spread]) -> float:
 def _estimate(evidence: Evidence, n: int, beside: dict[int, float]) -> np.ndarray:
     """Parameters (p,) of a group of the size at which a fit is judged, beside others n -> kappa."""
     rest = {k: kappa for k, kappa in beside.items() if k != n}
-    theta, _ = evidence.solution(rest | {n: SETTINGS.least_fit_size})
+    theta, _ = evidence.solution(rest | {n: SETTINGS.least_fit_size}, each_image=False)
     return theta[n]
 
 

@@ -41,6 +41,13 @@ class Found:
         chosen, each = ({n: one[n] for n in order} for one in (self.chosen, self.evidence))
         return Found(chosen, each, self.total, self.kept)
 
+    def without(self, gone: Collection[int]) -> Found:
+        """The same without some groups; what the others bring is what it was beside them."""
+        chosen, each = (
+            {n: v for n, v in one.items() if n not in gone} for one in (self.chosen, self.evidence)
+        )
+        return Found(chosen, each, self.total, self.kept)
+
     def beyond(self, each: dict[int, float], threshold: float) -> Found:
         """Of these groups those whose evidence `each` is beyond a threshold, or which are kept."""
         order = sorted(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import exp
 
 from corridor.core.adjustment import Adjustment
 from corridor.core.block import Block
@@ -10,6 +11,7 @@ from corridor.diagnosis.findings.findings import Findings
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.rounds import Course
 from corridor.diagnosis.settings import Settings
+from corridor.diagnosis.verification.halves import Halves
 
 
 @dataclass(repr=False)
@@ -27,6 +29,7 @@ class Diagnosed:
     doubts: what is probably a mistake in the block, seen at first sight; among the notes too.
     settings: the numbers by which it was decided. check_sigmas: by how many of their standard
     deviations check points are off in the end, RMS.
+    halves: what two halves of the images, adjusted apart, say of each other.
     required: 3D RMS of the check points that is good enough, metres, for the report; may be set.
     """
 
@@ -51,11 +54,22 @@ class Diagnosed:
     required: float | None = None
     settings: Settings = field(default_factory=Settings)
     check_sigmas: float | None = None
+    halves: Halves = field(default_factory=Halves)
 
     @property
     def verdict(self) -> str:
         """named, ambiguous, unknown, suspected or nothing."""
         return self.findings.verdict
+
+    @property
+    def p_nothing(self) -> float:
+        """Probability of evidence like this, of all tests together, were nothing missing.
+
+        Of values for each image, and of what was held against other noise of the GNSS, it is the
+        inverse of what was found, which is larger (Good 1950).
+        """
+        found = [one.log_evidence for one in (*self.findings.effects, *self.findings.unknown)]
+        return min([self.course.p_nothing, *(exp(-max(one, 0.0)) for one in found)])
 
     @property
     def effects(self) -> list[dict]:

@@ -64,7 +64,7 @@ def in_place_of(found: Findings, one: Round, key: str, shape: int) -> Findings:
     gone = [e for e in found.effects if e.key == key]
     rest = {k: v for k, v in one.found.chosen.items() if k != n}
     gain = evidence.given(rest)[shape]
-    theta, _ = evidence.solution(rest | {shape: gain.kappa})
+    theta, _ = evidence.solution(rest | {shape: gain.kappa}, each_image=False)
     theta = theta[shape]
     alike = list(dict.fromkeys([gone[0].slug, *gone[0].alternatives]))
     new = Unknown(group.slug, "unknown", gain.evidence, alike=alike)

@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import solveh_banded
-from scipy.sparse import block_diag, csr_array, diags_array
 
 from corridor.core.adjustment import LinearSystem
 from corridor.core.geometry import robust_scale
@@ -79,17 +78,22 @@ class GnssNoise:
         """Rows (n,) of 3k in the order of time."""
         return rows[np.argsort(self.time[rows // 3], kind="stable")]
 
-    def states(self) -> tuple[np.ndarray, np.ndarray, csr_array]:
-        """Rows (s,) of 3k with a slow part, its size (s,) m, and its precision (s, s) in units of
-        the size: what is measured there less the slow part has the white part alone.
+    def states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Rows (s,) of 3k with a slow part, its size (s,) m, and its precision in units of the
+        size, (2, s): above its diagonal, and the diagonal. What is measured there less the slow
+        part has the white part alone.
         """
         parts = [part for part in self.slow_parts() if part[1] > 0.0]
         if not parts:
-            return np.zeros(0, dtype=np.int64), np.zeros(0), csr_array((0, 0))
-        chains = [diags_array([q[1], q[0, 1:], q[0, 1:]], offsets=[0, 1, -1]) for *_, q in parts]
+            return np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((2, 0))
         rows = np.concatenate([rows for rows, *_ in parts])
         size = np.concatenate([np.full(len(rows), size) for rows, size, _ in parts])
-        return rows, size, csr_array(block_diag(chains))
+        return rows, size, np.concatenate([precision for *_, precision in parts], axis=1)
+
+    def linked(self, states: np.ndarray) -> np.ndarray:
+        """Whether each of some rows (s,) of 3k and the next are of one flight and axis (s - 1,)."""
+        of = 3 * self.flight[states // 3] + states % 3
+        return of[1:] == of[:-1]
 
     def weigh(self, rows):
         """Inverse covariance times dense rows (3k, ...)."""

@@ -31,8 +31,10 @@ from corridor.diagnosis.system.equations import Equations
 
 # Change of log tau over which a derivative by it is a difference.
 _STEP = 1e-4
-# Twice the log likelihood that a step has to promise: a tenth of what makes a difference.
-_WORTH = 0.05
+# Twice the log likelihood that a step has to promise: what names an effect is eighty times that.
+_WORTH = 0.1
+# Share of what a step has promised below which a shorter one is tried; trials of one step.
+_KEPT, _TRIALS = 0.5, 4
 # Longest step: by a factor of four.
 _FAR = np.log(4.0)
 # Steps, after which the shape of the likelihood is a valley without a floor.
@@ -112,23 +114,33 @@ def estimate(
 ) -> Likely:
     """The most likely noise beside groups of a model. start: arguments to begin from."""
     x = np.clip(arguments.centre if start is None else start, arguments.low, arguments.high)
-    made = Elimination(e, arguments.noise_at(x), rows)
-    value = value_of(made, arguments, x)
+
+    def at(x: np.ndarray) -> tuple[float, np.ndarray, Elimination]:
+        made = Elimination(e, arguments.noise_at(x), rows)
+        return value_of(made, arguments, x), x, made
+
+    value, x, made = at(x)
     for _ in range(_MOST):
         slope, curve = derivatives(made, arguments, x)
         step = _step(x, slope, curve, arguments)
         promised = -(slope @ step + 0.5 * step @ curve @ step)
         if promised < _WORTH:
             break
-        while True:
-            there = Elimination(e, arguments.noise_at(x + step), rows)
-            found = value_of(there, arguments, x + step)
-            if found < value or promised < _WORTH:
+        trials = [at(x + step)]
+        while value - trials[-1][0] < _KEPT * promised and len(trials) < _TRIALS:
+            # Where the parabola through value, slope and the trial has its lowest point.
+            away = trials[-1][1] - x
+            bent = trials[-1][0] - value - slope @ away
+            share = float(np.clip(-0.5 * (slope @ away) / max(bent, 1e-12), 0.1, 0.7))
+            trials.append(at(x + share * away))
+            if trials[-2][0] < min(value, trials[-1][0]):
                 break
-            step, promised = 0.4 * step, 0.4 * promised
-        if not found < value:
+        best = min(trials, key=lambda trial: trial[0])
+        if not best[0] < value:
             break
-        x, made, value = x + step, there, found
+        gained, (value, x, made) = value - best[0], best
+        if gained < _WORTH:
+            break
     return Likely(arguments.noise_at(x), value, x, curve)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from corridor.core.adjustment import tested_by
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.report.tables import by_remedy
 from corridor.diagnosis.report.wording import effects_by_slug, listed
@@ -111,7 +112,7 @@ def _accurate_enough(d: Diagnosed) -> list[str]:
     check, required = d.gap["check_m"], d.required
     if check and required is not None and check["after"] > required:
         return ["The model is not what is wrong: plan more control or images, `corridor plan PLAN`"]
-    return [] if check else ["Keep surveyed points apart to test it: role `check` in ground.csv"]
+    return [] if check else [tested_by(d.block)]
 
 
 def _handed_in(d: Diagnosed) -> list[str]:

@@ -111,6 +111,15 @@ EVIDENCE = (
     ),
 )
 LAST = (
+    Section(
+        "What needs no catalogue",
+        ("without_catalogue",),
+        "<em>All tests together</em>: how probable such evidence is where nothing is missing, by "
+        "scores that are resampled by runs of images. <em>Odd against even</em>: two halves of "
+        "the images are adjusted apart, and their cameras and the heights of their surfaces "
+        "compared with their joint covariance; p below 0.01 says that something bends the block, "
+        "whether the catalogue has it or not. What both halves bend alike does not show.",
+    ),
     Section("To test more, add", ("untestable",)),
     Section("Noise that is not the same everywhere", ("variance",)),
     Section("Known physics", ("physics",)),
@@ -170,6 +179,7 @@ def _tables(diagnosis: Diagnosed, compared: Beside, written: list[str]) -> dict[
         "leaving": tables.leaving(before, after),
         "limits": tables.limits(diagnosis),
         "untestable": tables.untestable(diagnosis, before),
+        "without_catalogue": tables.without_catalogue(diagnosis),
         "variance": tables.variance(diagnosis),
         "rounds": tables.rounds(diagnosis),
         "physics": tables.physics(diagnosis),

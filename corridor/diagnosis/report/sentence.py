@@ -14,6 +14,7 @@ from corridor.diagnosis.report.wording import (
     listed,
     placed,
     to_add,
+    two_digits,
     upper,
     value_and_sigma,
 )
@@ -40,7 +41,26 @@ def sentence(diagnosis: Diagnosed) -> str:
         "suspected": _suspected,
         "nothing": _nothing,
     }
-    return tell[diagnosis.verdict](diagnosis)
+    return tell[diagnosis.verdict](diagnosis) + _halves(diagnosis)
+
+
+def _halves(d: Diagnosed) -> str:
+    """Where two halves of the images contradict each other, whatever was found."""
+    if not d.halves.alarm:
+        return ""
+    far = d.halves.farthest
+    value, sigma, unit = value_and_sigma(far)
+    half = "strips" if d.halves.by == "strips" else "images"
+    return (
+        f" But the odd and the even {half}, adjusted apart, contradict each other "
+        f"({_chance(d.halves.p)}; most of all {far['name']}, by {value} +- {sigma} {unit}): "
+        "something else bends the block."
+    )
+
+
+def _chance(p: float) -> str:
+    """p = 0.46; p < 0.001."""
+    return f"p = {two_digits(p)}" if p >= 0.001 else "p < 0.001"
 
 
 def _named(d: Diagnosed) -> str:
@@ -133,6 +153,9 @@ def _nothing(d: Diagnosed) -> str:
     limits = seen_best(d)
     if limits:
         text += f" Would have been seen: {'; '.join(limits)}."
+    text += f" If nothing is missing, signs as strong come by chance: {_chance(d.p_nothing)}."
+    if d.p_nothing < d.level:
+        text += " So something is missing, and no test says what."
     for alarm in d.alarms[:1]:
         text += f" But the image noise is uneven: {alarm['where']}."
     return text

@@ -308,6 +308,27 @@ def lens(d: Diagnosed) -> pd.DataFrame:
     return pd.DataFrame([row], columns=columns)
 
 
+def without_catalogue(d: Diagnosed) -> pd.DataFrame:
+    """The two answers that need no catalogue."""
+    halves, told = d.halves, "nothing was compared"
+    if halves.p is not None:
+        far = halves.farthest
+        value, sigma, unit = value_and_sigma(far)
+        told = (
+            f"chi square {halves.chi_square:.1f} of {halves.freedom}, phi {halves.phi:.2f}; most "
+            f"of all {far['name']}: {value} +- {sigma} {unit}".rstrip()
+        )
+    rows = [
+        ("all tests together, if nothing is missing", f"{d.p_nothing:.3g}", ""),
+        (
+            f"odd against even {halves.by or 'images'}",
+            "" if halves.p is None else f"{halves.p:.3g}",
+            halves.reason or told,
+        ),
+    ]
+    return pd.DataFrame(rows, columns=["question", "p", "detail"])
+
+
 def variance(d: Diagnosed) -> pd.DataFrame:
     """Quantities with which the size of the image noise changes, and clusters of wrong matches."""
     rows = [

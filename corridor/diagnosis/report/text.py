@@ -20,6 +20,7 @@ def report_of(diagnosis: Diagnosed) -> Report:
         Table.of(
             gap.drop(columns=["noise alone", "closed"], errors="ignore"), "What it does to the data"
         ),
+        Table.of(tables.without_catalogue(diagnosis), "What needs no catalogue"),
         Table.of(tables.variance(diagnosis), "Where the noise changes"),
         Table("To test more, add", notes=tuple(f"{add}: {names}" for add, names in missing)),
     ]

@@ -1,13 +1,13 @@
 """Cholesky factor of equations that hang together like a chain, with a border.
 
-    [ D0  C0'           ]
-    [ C0  D1  C1'       ]  and below all of it a border, which touches every link.
-    [     C1  D2  ...   ]
+    [ D0  C0'  C0'      ]
+    [ C0  D1   C1'  C1' ]  and below all of it a border, which touches every link.
+    [ C0  C1   D2  ...  ]
 
-Images of a corridor meet their neighbours only: blocks as long as a link reaches make their
-equations block tridiagonal. `adjustment.matrix` has them as a band, for few right sides; here there
-are hundreds, and blocks are work for BLAS.
-Source: Golub and Van Loan 2013, "Matrix Computations", section 4.5.1 (block tridiagonal systems).
+Images of a corridor meet their neighbours only: each block of some images meets the rows behind it
+as far as any image until there reaches. `adjustment.matrix` has them as a band, for few right
+sides; here there are hundreds, and blocks are work for BLAS.
+Source: Golub and Van Loan 2013, "Matrix Computations", section 4.3.5 (band Cholesky, by blocks).
 """
 
 from __future__ import annotations
@@ -17,19 +17,20 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
-from scipy.sparse import csc_array, csr_array
+from scipy.linalg.blas import dsyrk, dtrsm
+from scipy.linalg.lapack import dpotrf, dpotri
+from scipy.sparse import coo_array, csc_array, csr_array
 
-# Images that a block holds at least: smaller ones are work for Python and not for BLAS.
+# Images of a block: smaller ones are work for Python and not for BLAS.
 _FEWEST = 12
 
 
 class Inverse(NamedTuple):
     """Inverse of a chain within its pattern.
 
-    starts, ends: rows of each block. own: of each block, link: of each block's next with it, both
-    as long as the border stays where it is; follows (n, border): what the inner rows do less about
-    a border that moves; edge (border, border): of the border.
+    starts, ends: rows of each block. own: of each block, link: of the rows behind it that it meets
+    with it, both as long as the border stays where it is; follows (n, border): what the inner rows
+    do less about a border that moves; edge (border, border): of the border.
     """
 
     starts: np.ndarray
@@ -46,14 +47,17 @@ class Inverse(NamedTuple):
     def diagonal(self) -> np.ndarray:
         """Diagonal (n + border,)."""
         inner = np.concatenate([np.zeros(0), *(one.diagonal() for one in self.own)])
-        inner = inner + np.einsum("ij,jk,ik->i", self.follows, self.edge, self.follows)
+        inner = inner + ((self.follows @ self.edge) * self.follows).sum(axis=1)
         return np.concatenate([inner, self.edge.diagonal()])
 
     def between(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """Entries (k,) of pairs of rows, which lie in one block, in neighbours or in the border."""
+        """Entries (k,) of pairs of rows, of a block and what it meets, or of the border.
+
+        Of others what they owe to the border alone.
+        """
         inner = len(self.follows)
         rows = [self._moved(each) for each in (one, other)]
-        out = np.einsum("ij,jk,ik->i", rows[0], self.edge, rows[1])
+        out = ((rows[0] @ self.edge) * rows[1]).sum(axis=1)
         low, high = np.minimum(one, other), np.maximum(one, other)
         both = np.flatnonzero(high < inner)
         first, second = self.block_of(low[both]), self.block_of(high[both])
@@ -61,9 +65,9 @@ class Inverse(NamedTuple):
             start = self.starts[k]
             mine = both[(first == k) & (second == k)]
             out[mine] += self.own[k][low[mine] - start, high[mine] - start]
-            mine = both[(first == k) & (second == k + 1)]
-            if len(mine):
-                out[mine] += self.link[k][high[mine] - self.starts[k + 1], low[mine] - start]
+            met = high[both] < self.ends[k] + len(self.link[k])
+            mine = both[(first == k) & (second > k) & met]
+            out[mine] += self.link[k][high[mine] - self.ends[k], low[mine] - start]
         return out
 
     def _moved(self, rows: np.ndarray) -> np.ndarray:
@@ -80,7 +84,7 @@ class Inverse(NamedTuple):
         inner = len(self.follows)
         inside = csr_array(rows[:, :inner])
         moved = rows[:, inner:].toarray() - inside @ self.follows
-        out = np.einsum("ij,jk,ik->i", moved, self.edge, moved)
+        out = ((moved @ self.edge) * moved).sum(axis=1)
         touched = np.flatnonzero(np.diff(inside.indptr))
         block = self.block_of(inside.indices[inside.indptr[touched]])
         for k in np.unique(block):
@@ -90,54 +94,119 @@ class Inverse(NamedTuple):
         return out
 
 
-class Chain:
-    """Factor of a matrix (n, n), symmetric, sparse, whose last `border` rows are the border.
+class Layout:
+    """Where the entries of a matrix (n, n), symmetric, lie in the blocks of a chain.
 
-    ends: rows behind the last of each block. Raises LinAlgError where it is not positive definite.
+    Matrices of one pattern and other values are many: the places are found once. One buffer holds
+    each block (its lower triangle), the rows behind it that it meets, the border's rows and what is
+    in the border's corner.
     """
 
-    def __init__(self, matrix: csc_array, ends: np.ndarray, border: int):
-        self.n, self.border = matrix.shape[0], border
-        inner = self.n - border
-        self.ends = ends = np.asarray(ends)
-        self.starts = np.concatenate([[0], ends[:-1]]).astype(np.int64)
-        self._own: list[np.ndarray] = []
-        self._next: list[np.ndarray] = []
-        for k, (start, end) in enumerate(zip(self.starts, ends, strict=True)):
-            after = ends[k + 1] if k + 1 < len(ends) else end
-            columns = matrix[:, start:end]
-            own = columns[start:end].toarray(order="F")
-            if k:
-                link = self._next[-1]
-                own -= link @ link.T
-            factor = cholesky(own, lower=True, check_finite=False, overwrite_a=True)
-            self._own.append(factor)
-            link = columns[end:after].toarray()
+    def __init__(self, ends: np.ndarray, reach: np.ndarray, border: int):
+        """ends: rows behind the last of each block; reach: behind the last that it meets. The last
+        `border` rows are the border.
+        """
+        self.ends, self.border = np.asarray(ends, dtype=np.int64), border
+        self.reach = np.asarray(reach, dtype=np.int64)
+        self.inner = int(self.ends[-1]) if len(self.ends) else 0
+        self.n = self.inner + border
+        self.starts = np.concatenate([[0], self.ends[:-1]]).astype(np.int64)
+        self.size = np.diff(self.ends, prepend=0)
+        self.after = self.reach - self.ends
+        self.first = np.concatenate([[0], np.cumsum(self.size * (self.size + self.after))])
+        self._edge = int(self.first[-1])
+        self._corner = self._edge + self.inner * border
+        self.length = self._corner + border * border
+
+    def places(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Places (k,) of the entries of pairs of rows, in the lower triangle."""
+        low, high = np.minimum(one, other), np.maximum(one, other)
+        out = self._corner + (low - self.inner) * self.border + high - self.inner
+        outer = (low < self.inner) & (high >= self.inner)
+        out[outer] = self._edge + low[outer] * self.border + high[outer] - self.inner
+        inside = np.flatnonzero(high < self.inner)
+        low, high = low[inside], high[inside]
+        block = np.searchsorted(self.ends, low, side="right")
+        column, size = low - self.starts[block], self.size[block]
+        within = high < self.ends[block]
+        own = column * size + high - self.starts[block]
+        link = size * size + column * self.after[block] + high - self.ends[block]
+        out[inside] = self.first[block] + np.where(within, own, link)
+        return out
+
+    def views(self, values: np.ndarray) -> tuple[list, list, np.ndarray, np.ndarray]:
+        """Blocks, what each meets behind it, border (inner, border), and its corner."""
+        own, link = [], []
+        for first, size, after in zip(self.first, self.size, self.after, strict=False):
+            square = first + size * size
+            own.append(values[first:square].reshape((size, size), order="F"))
+            both = values[square : square + size * after]
+            link.append(both.reshape((after, size), order="F"))
+        edge = values[self._edge : self._corner].reshape(self.inner, self.border)
+        corner = values[self._corner :].reshape((self.border, self.border), order="F")
+        return own, link, edge, corner
+
+
+class Chain:
+    """Factor of a matrix (n, n), symmetric, in the blocks of a layout, in place of its values.
+
+    Raises LinAlgError where it is not positive definite.
+    """
+
+    def __init__(self, layout: Layout, values: np.ndarray):
+        """values: of the lower triangle, at the layout's places; they are overwritten."""
+        self.n, self.border = layout.n, layout.border
+        self.starts, self.ends, self.reach = layout.starts, layout.ends, layout.reach
+        self._own, self._next, edge, corner = layout.views(values)
+        # What the blocks before do to the rows behind them (s, s), its lower triangle.
+        done = np.zeros((0, 0))
+        for own, link in zip(self._own, self._next, strict=True):
+            size, ahead = min(len(own), len(done)), max(len(done) - len(own), 0)
+            own[:size, :size] += done[:size, :size]
+            if ahead:
+                link[:ahead] += done[size:, :size]
+            _factored(own)
             if link.size:
-                link = solve_triangular(factor, link.T, lower=True, check_finite=False).T
-            self._next.append(link)
-        edge = matrix[:, inner:]
-        self._edge = self._forward(edge[:inner].toarray())
-        inside = edge[inner:].toarray() - self._edge.T @ self._edge
-        self._inside = cholesky(inside, lower=True, check_finite=False) if border else inside
+                dtrsm(1.0, own, link, side=1, lower=1, trans_a=1, overwrite_b=1)
+            behind = np.zeros((len(link), len(link)), order="F")
+            behind[:ahead, :ahead] = done[size:, size:]
+            done = behind
+            if link.size:
+                done = dsyrk(-1.0, link, beta=1.0, c=behind, lower=1, overwrite_c=1)
+        self._edge, self._inside = self._forward(edge), corner
+        if self.border:
+            corner -= self._edge.T @ self._edge
+            _factored(corner)
+
+    @classmethod
+    def of(cls, matrix: csc_array, ends: np.ndarray, reach: np.ndarray, border: int) -> Chain:
+        """Factor of a sparse matrix in the blocks of `Layout(ends, reach, border)`."""
+        layout, matrix = Layout(ends, reach, border), coo_array(matrix)
+        lower = matrix.row >= matrix.col
+        values = np.zeros(layout.length)
+        at = layout.places(matrix.row[lower].astype(np.int64), matrix.col[lower].astype(np.int64))
+        values[at] = matrix.data[lower]
+        return cls(layout, values)
 
     def half(self, right: np.ndarray) -> np.ndarray:
         """L^-1 right (n, k) for right (n, k)."""
         inner = self.n - self.border
-        rows = self._forward(right[:inner].copy())
-        border = right[inner:] - self._edge.T @ rows
+        out = np.array(right, dtype=float, order="C")
+        rows = self._forward(out[:inner])
         if self.border:
-            border = solve_triangular(self._inside, border, lower=True, check_finite=False)
-        return np.concatenate([rows, border])
+            out[inner:] -= self._edge.T @ rows
+            out[inner:] = _solved(self._inside, out[inner:])
+        return out
 
     def other_half(self, half: np.ndarray) -> np.ndarray:
         """L'^-1 half (n, k)."""
         inner = self.n - self.border
-        rows, border = half[:inner].copy(), half[inner:]
+        out = np.array(half, dtype=float, order="C")
         if self.border:
-            border = solve_triangular(self._inside, border, lower=True, trans=1, check_finite=False)
-            rows -= self._edge @ border
-        return np.concatenate([self._backward(rows), border])
+            out[inner:] = _solved(self._inside, out[inner:], turned=True)
+            out[:inner] -= self._edge @ out[inner:]
+        self._backward(out[:inner])
+        return out
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Solution (n, k) for right (n, k)."""
@@ -150,29 +219,29 @@ class Chain:
         return 2.0 * float(sum(np.log(one.diagonal()).sum() for one in parts))
 
     def inverse(self) -> Inverse:
-        """The inverse where the matrix has blocks: of each link, with the next, and the border.
+        """The inverse where the matrix has blocks: of each, with what it meets, and the border.
 
         Source: Takahashi, Fagan and Chin 1973 (inverse within the pattern of the factor).
         """
         own: list[np.ndarray] = []
         link: list[np.ndarray] = []
-        for k in reversed(range(len(self.ends))):
-            half = solve_triangular(
-                self._own[k], np.eye(len(self._own[k])), lower=True, check_finite=False
-            )
-            mine = half.T @ half
-            if own:
-                across = self._next[k] @ half
-                after = own[-1] @ across
-                link.append(-after)
-                mine += across.T @ after
+        # Of the rows from the start of the block behind on, as far as that one meets them.
+        whole = np.zeros((0, 0))
+        for factor, behind in zip(reversed(self._own), reversed(self._next), strict=True):
+            size, met = len(factor), len(behind)
+            mine = _inverse_of(factor)
+            both = np.zeros((met, size))
+            if met:
+                across = dtrsm(1.0, factor, behind, side=1, lower=1)
+                both = -(whole[:met, :met] @ across)
+                mine -= across.T @ both
+            of_block = np.empty((size + met, size + met))
+            of_block[:size, :size], of_block[size:, :size] = mine, both
+            of_block[:size, size:], of_block[size:, size:] = both.T, whole[:met, :met]
+            whole = of_block
             own.append(mine)
-        edge = np.zeros((0, 0))
-        if self.border:
-            half = solve_triangular(
-                self._inside, np.eye(self.border), lower=True, check_finite=False
-            )
-            edge = half.T @ half
+            link.append(both)
+        edge = _inverse_of(self._inside) if self.border else np.zeros((0, 0))
         return Inverse(self.starts, self.ends, own[::-1], link[::-1], self._follows, edge)
 
     @cached_property
@@ -184,42 +253,49 @@ class Chain:
         """In place."""
         if not right.size:
             return right
-        for k, start, end in self._blocks():
-            if k:
-                right[start:end] -= self._next[k - 1] @ right[self.starts[k - 1] : start]
-            right[start:end] = solve_triangular(
-                self._own[k], right[start:end], lower=True, check_finite=False
-            )
+        for k, start, end, reach in self._blocks():
+            right[start:end] = _solved(self._own[k], right[start:end])
+            right[end:reach] -= self._next[k] @ right[start:end]
         return right
 
-    def _blocks(self) -> Iterator[tuple[int, int, int]]:
-        return zip(range(len(self.ends)), self.starts.tolist(), self.ends.tolist(), strict=True)
+    def _blocks(self) -> Iterator[tuple[int, int, int, int]]:
+        rows = (self.starts.tolist(), self.ends.tolist(), self.reach.tolist())
+        return zip(range(len(self.ends)), *rows, strict=True)
 
     def _backward(self, half: np.ndarray) -> np.ndarray:
         """In place."""
         if not half.size:
             return half
-        for k, start, end in reversed(list(self._blocks())):
-            if k + 1 < len(self.ends):
-                half[start:end] -= self._next[k].T @ half[end : self.ends[k + 1]]
-            half[start:end] = solve_triangular(
-                self._own[k], half[start:end], lower=True, trans=1, check_finite=False
-            )
+        for k, start, end, reach in reversed(list(self._blocks())):
+            half[start:end] -= self._next[k].T @ half[end:reach]
+            half[start:end] = _solved(self._own[k], half[start:end], turned=True)
         return half
 
 
-def block_ends(reach: np.ndarray) -> np.ndarray:
-    """Images behind the last of each block of a chain: each block meets its neighbours only.
+def _factored(matrix: np.ndarray) -> None:
+    """Cholesky factor of a matrix (n, n), columns first, of its lower triangle, in its place."""
+    _, info = dpotrf(matrix, lower=1, clean=1, overwrite_a=1)
+    if info:
+        raise np.linalg.LinAlgError("the matrix is not positive definite")
+
+
+def _solved(factor: np.ndarray, right: np.ndarray, turned: bool = False) -> np.ndarray:
+    """L^-1 right, or L'^-1 right, for right (n, k) whose rows come first."""
+    return dtrsm(1.0, factor, right.T, side=1, lower=1, trans_a=0 if turned else 1).T
+
+
+def _inverse_of(factor: np.ndarray) -> np.ndarray:
+    """Inverse (n, n) of the matrix that a factor is of."""
+    out, _ = dpotri(factor, lower=1)
+    return np.tril(out) + np.tril(out, -1).T
+
+
+def blocks_of(reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Images behind the last of each block of a chain, and behind the last that each meets.
 
     reach (m,): the last image that each meets.
     """
     count = len(reach)
     farthest = np.maximum.accumulate(np.maximum(reach, np.arange(count)))
-    ends = []
-    end = min(max(int(farthest[0]) + 1, _FEWEST), count) if count else 0
-    while end:
-        ends.append(end)
-        if end == count:
-            break
-        end = min(max(int(farthest[end - 1]) + 1, end + _FEWEST), count)
-    return np.array(ends, dtype=np.int64)
+    ends = np.append(np.arange(_FEWEST, count, _FEWEST), [count] * bool(count)).astype(np.int64)
+    return ends, np.maximum(farthest[ends - 1] + 1, ends)

@@ -28,18 +28,17 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import (
-    block_array,
     coo_array,
     csc_array,
     csr_array,
-    diags_array,
     hstack,
     issparse,
+    tril,
     vstack,
 )
 
 from corridor.diagnosis.noise.gnss import GnssNoise
-from corridor.diagnosis.system.chain import Chain, block_ends
+from corridor.diagnosis.system.chain import Chain, Layout, blocks_of
 from corridor.diagnosis.system.equations import Equations
 from corridor.diagnosis.system.groups import Group
 
@@ -94,58 +93,149 @@ class Part(NamedTuple):
 
 @dataclass(frozen=True)
 class Static:
-    """What an elimination has of its static rows, whatever the noise.
+    """What an elimination has of its static rows, whatever the noise and the sizes of its groups.
 
-    sizes (q,): prior standard deviations of the groups' parameters. at (n,), owner (n,): numbers
-    among the system's columns, and images. matrix (n, n): equations, the antenna aside. cross
-    (n, c), jacobian (3k, n). right, here (n,): of no effect at all, and of the state. of_priors:
-    what the means of priors take of the log probability.
+    at (n,), owner (n,): numbers among the system's columns, and images. matrix (n, n): lower
+    triangle of the equations, the antenna and priors aside. cross (n, c), jacobian (3k, n). right,
+    here (n,): of no effect at all, and of the state. mean, value (q,): of the groups' parameters,
+    beforehand and as they stand. patterns: by the rows of slow noise.
     """
 
-    sizes: np.ndarray
     at: np.ndarray
     owner: np.ndarray
-    matrix: csr_array
+    matrix: coo_array
     cross: csr_array
     jacobian: csr_array
     right: np.ndarray
     here: np.ndarray
-    of_priors: float
+    mean: np.ndarray
+    value: np.ndarray
+    patterns: dict[bytes, Pattern]
 
     @classmethod
-    def of(cls, e: Equations, rows: Rows) -> Static:
-        """Of these rows: noises are many, and rows the same."""
-        key = tuple((group.key, tuple(group.columns), size.tobytes()) for group, size in rows)
+    def of(cls, e: Equations, groups: list[Group]) -> Static:
+        """Of these groups as rows: noises and sizes are many, and rows the same."""
+        key = tuple((group.key, group.columns.tobytes()) for group in groups)
         if key not in e.kept:
             while len(e.kept) >= _KEPT:
                 del e.kept[next(iter(e.kept))]
-            e.kept[key] = cls._made(e, rows)
+            e.kept[key] = cls._made(e, groups)
         return e.kept[key]
 
     @classmethod
-    def _made(cls, e: Equations, rows: Rows) -> Static:
-        parts = [_part_of(e, group) for group, _ in rows]
+    def _made(cls, e: Equations, groups: list[Group]) -> Static:
+        parts = [_part_of(e, group) for group in groups]
         nothing = [np.zeros(0)]
-        sizes = np.concatenate([*nothing, *(np.broadcast_to(s, len(g)) for g, s in rows)])
-        mean = np.concatenate([*nothing, *(_mean_of(group) for group, _ in rows)])
-        value = np.concatenate([*nothing, *(p.value for p in parts)])
-        weight = sizes**-2.0
-        right = np.concatenate([e.without[0], *(p.right for p in parts)])
-        # Of the state as it stands, for what moves from there.
-        here = np.concatenate([e.right, *(p.here for p in parts)])
-        right[len(e.first) :] += weight * mean
-        here[len(e.first) :] += weight * (mean - value)
         return cls(
-            sizes,
             np.concatenate([e.first, *(p.at for p in parts)]).astype(int),
             np.concatenate([e.owner, *(p.owner for p in parts)]).astype(np.int64),
-            csr_array(_static(e, rows, parts, weight)),
+            _lower(e, groups, parts),
             csr_array(vstack([csr_array(e.core.cross), *(p.core for p in parts)])),
             csr_array(hstack([e.jacobian, *(p.antenna for p in parts)])),
-            right,
-            here,
-            -0.5 * float(weight @ mean**2),
+            np.concatenate([e.without[0], *(p.right for p in parts)]),
+            np.concatenate([e.right, *(p.here for p in parts)]),
+            np.concatenate([*nothing, *(_mean_of(group) for group in groups)]),
+            np.concatenate([*nothing, *(p.value for p in parts)]),
+            {},
         )
+
+    def pattern(self, e: Equations, states: np.ndarray, linked: np.ndarray) -> Pattern:
+        """With slow noise of rows `states` (s,) of 3k; see `Pattern`."""
+        key = states.tobytes()
+        if key not in self.patterns:
+            self.patterns[key] = Pattern.of(self, e, states, linked)
+        return self.patterns[key]
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """Where everything lies in a chain of all rows: the static ones and the states of slow noise.
+
+    order, place (n,): rows in the order of the chain, and back. layout: of its blocks. Places in
+    there: diagonal (n,); static and static_data (e,), of the equations; weighted (u,), to which
+    weights w (3k,) of the antenna positions add products @ w; across (a,), to which those of states
+    `state` add across_data w; links (s - 1,), of each state with the next, where they are `linked`.
+    """
+
+    order: np.ndarray
+    place: np.ndarray
+    layout: Layout
+    diagonal: np.ndarray
+    static: np.ndarray
+    static_data: np.ndarray
+    weighted: np.ndarray
+    products: csr_array
+    across: np.ndarray
+    across_data: np.ndarray
+    state: np.ndarray
+    links: np.ndarray
+    linked: np.ndarray
+
+    @classmethod
+    def of(cls, static: Static, e: Equations, states: np.ndarray, linked: np.ndarray) -> Pattern:
+        """linked (s - 1,): whether each state and the next are of one flight and axis."""
+        matrix, j, many = static.matrix, static.jacobian, len(static.owner)
+        owner = np.concatenate([static.owner, e.image[states // 3]]).astype(np.int64)
+        order, layout = _ordered(owner, matrix, linked, many, e.free_motions is not None)
+        place = np.empty(len(order), dtype=np.int64)
+        place[order] = np.arange(len(order))
+        # Products of two columns that one antenna position sees.
+        width = np.diff(j.indptr)
+        begin = np.repeat(j.indptr[:-1], width**2)
+        within = np.arange(len(begin)) - np.repeat(np.cumsum(width**2) - width**2, width**2)
+        wide = np.repeat(width, width**2)
+        one, other = begin + within // wide, begin + within % wide
+        row = np.repeat(np.arange(len(width)), width**2)
+        keep = place[j.indices[one]] >= place[j.indices[other]]
+        one, other, row = one[keep], other[keep], row[keep]
+        weighted, which = np.unique(
+            layout.places(place[j.indices[one]], place[j.indices[other]]), return_inverse=True
+        )
+        products = coo_array(
+            (j.data[one] * j.data[other], (which.ravel(), row)), shape=(len(weighted), len(width))
+        )
+        seen = j[states]
+        of = np.repeat(np.arange(len(states)), np.diff(seen.indptr))
+        state = place[many + np.arange(len(states))]
+        return cls(
+            order, place, layout, layout.places(place, place),
+            layout.places(place[matrix.row], place[matrix.col]), matrix.data,
+            weighted, csr_array(products),
+            layout.places(state[of], place[seen.indices]), seen.data, of,
+            layout.places(state[:-1][linked], state[1:][linked]), linked,
+        )  # fmt: skip
+
+
+def _ordered(
+    owner: np.ndarray, static: coo_array, linked: np.ndarray, first: int, free: bool
+) -> tuple[np.ndarray, Layout]:
+    """Order of all rows (n,), and the layout of their chain.
+
+    owner (n,): image of each, -1 of what images share; from `first` on they are states, each of
+    which meets the next where they are `linked`. free: a block that nothing holds is one block.
+    """
+    if free or not (owner >= 0).any():
+        return np.arange(len(owner)), Layout([len(owner)], [len(owner)], 0)
+    reach = np.arange(int(owner.max()) + 1)
+    one, other = owner[static.row], owner[static.col]
+    inner = (one >= 0) & (other >= 0)
+    one, other = one[inner], other[inner]
+    np.maximum.at(reach, np.minimum(one, other), np.maximum(one, other))
+    owner = owner.copy()
+    at = np.flatnonzero(linked) + first
+    one, other = owner[at], owner[at + 1]
+    span = np.abs(other - one)
+    jumps = np.flatnonzero(span > int((reach - np.arange(len(reach))).max()))
+    if len(jumps) > _MOST_JUMPS:
+        jumps = jumps[np.argsort(-span[jumps], kind="stable")[:_MOST_JUMPS]]
+    far = at[jumps] + 1
+    near = ~(np.isin(at, far) | np.isin(at + 1, far))
+    np.maximum.at(reach, np.minimum(one, other)[near], np.maximum(one, other)[near])
+    owner[far] = -1
+    order = np.argsort(np.where(owner < 0, len(reach), owner), kind="stable")
+    count = np.concatenate([[0], np.cumsum(np.bincount(owner[owner >= 0], minlength=len(reach)))])
+    ends, behind = blocks_of(reach)
+    return order, Layout(count[ends], count[behind], int((owner < 0).sum()))
 
 
 class Elimination:
@@ -158,90 +248,87 @@ class Elimination:
     def __init__(self, equations: Equations, noise: GnssNoise | None, rows: Rows = ()):
         """noise: None for the stated standard deviations. rows: groups that are no candidates."""
         self.equations, self.noise, self.rows = equations, noise, tuple(rows)
-        e, static = equations, Static.of(equations, self.rows)
-        self.sizes, self.at, self.cross = static.sizes, static.at, static.cross
-        self.jacobian, self.owner, self._static = static.jacobian, static.owner, static.matrix
-        self._static_right, self._here = static.right, static.here
+        e, static = equations, Static.of(equations, [group for group, _ in self.rows])
+        self.at, self.cross, self.jacobian = static.at, static.cross, static.jacobian
+        sizes = [np.broadcast_to(size, len(group)) for group, size in self.rows]
+        self.sizes = np.concatenate([np.zeros(0), *sizes])
+        weight, groups = self.sizes**-2.0, slice(len(e.first), None)
+        self._right, self._here = static.right.copy(), static.here.copy()
+        self._right[groups] += weight * static.mean
+        # Of the state as it stands, for what moves from there.
+        self._here[groups] += weight * (static.mean - static.value)
+        self._of_priors = -0.5 * float(weight @ static.mean**2)
         residual = self._residual = e.without[1]
-        nothing = np.zeros(0, dtype=np.int64), np.zeros(0), csr_array((0, 0))
-        self._states, self._size, self._slow = nothing if noise is None else noise.states()
+        nothing = np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((2, 0))
+        self._states, self._size, slow = nothing if noise is None else noise.states()
+        linked = np.zeros(0, dtype=bool) if noise is None else noise.linked(self._states)
         self._white = e.stated**-2.0 if noise is None else noise.white_weight
-        self._order, ends, border = self._ordered()
-        matrix = self._matrix()
-        # In units of their own weight, or metres and radians would meet.
-        self.unit = 1.0 / np.sqrt(np.maximum(matrix.diagonal(), 1e-300))
-        matrix = self._in_order(matrix)
-        if e.free_motions is not None:
-            matrix = self._held(matrix)
-        try:
-            self.chain = Chain(matrix, ends, border)
-        except np.linalg.LinAlgError:
-            # What nothing determines is held a little.
-            little = diags_array(np.full(matrix.shape[0], 1e-9))
-            self.chain = Chain(csc_array(matrix + little), ends, border)
-        self._half = self.chain.half(self._ordered_right(self._static_right, residual))
-        self._of_priors = static.of_priors
+        self._pattern = static.pattern(e, self._states, linked)
+        self._order = self._pattern.order
+        self.chain = self._factored(weight, slow)
+        self._half = self.chain.half(self._ordered_right(self._right, residual))
 
     # --- the equations -----------------------------------------------------------------------
 
-    def _ordered(self) -> tuple[np.ndarray, np.ndarray, int]:
-        """Order of all rows (n,), ends of the blocks of their chain, and rows of its border."""
-        e, slow = self.equations, self._slow
-        states = e.image[self._states // 3]
-        owner = np.concatenate([self.owner, states]).astype(np.int64)
-        if e.free_motions is not None or not (owner >= 0).any():
-            return np.arange(len(owner)), np.array([len(owner)]), 0
-        reach = np.arange(int(owner.max()) + 1)
-        links = coo_array(self._static)
-        one, other = owner[links.row], owner[links.col]
-        inner = (one >= 0) & (other >= 0)
-        np.maximum.at(reach, one[inner], other[inner])
-        links = coo_array(slow)
-        one, other = states[links.row], states[links.col]
-        width = int((reach - np.arange(len(reach))).max())
-        span = np.where(links.col == links.row + 1, np.abs(other - one), 0)
-        jumps = np.flatnonzero(span > width)
-        if len(jumps) > _MOST_JUMPS:
-            jumps = jumps[np.argsort(-span[jumps], kind="stable")[:_MOST_JUMPS]]
-        far = np.unique(links.col[jumps])
-        near = ~(np.isin(links.row, far) | np.isin(links.col, far))
-        np.maximum.at(reach, one[near], other[near])
-        owner[len(self.owner) + far] = -1
-        ends = block_ends(reach)
-        order = np.argsort(np.where(owner < 0, len(reach), owner), kind="stable")
-        count = np.cumsum(np.bincount(owner[owner >= 0], minlength=len(reach)))
-        return order, count[ends - 1], int((owner < 0).sum())
+    def _values(self, weight: np.ndarray, slow: np.ndarray) -> np.ndarray:
+        """Entries of the equations at the places of the chain.
 
-    def _matrix(self) -> csc_array:
-        """Equations (n, n) of the static rows and slow noise."""
-        if not len(self._white):
-            return csc_array(self._static)
-        weighted = self.jacobian.copy()
-        weighted.data *= np.repeat(self._white, np.diff(weighted.indptr))
-        own = csr_array(self._static + self.jacobian.T @ weighted)
-        if not len(self._states):
-            return csc_array(own)
-        across = diags_array(self._size) @ csr_array(weighted)[self._states]
-        inside = self._slow + diags_array(self._size**2 * self._white[self._states])
-        return csc_array(block_array([[own, across.T], [across, inside]]))
+        weight (q,): of the priors of the groups. slow (2, s): what is above the diagonal of the
+        precision of slow noise, and the diagonal, in units of its size.
+        """
+        p, first = self._pattern, len(self.equations.first)
+        out = np.zeros(p.layout.length)
+        out[p.static] = p.static_data
+        out[p.diagonal[first : len(self.at)]] += weight
+        if len(self._white):
+            out[p.weighted] += p.products @ self._white
+        if len(self._states):
+            heavy = self._size * self._white[self._states]
+            out[p.across] += p.across_data * heavy[p.state]
+            out[p.diagonal[len(self.at) :]] += slow[1] + self._size * heavy
+            out[p.links] += slow[0, 1:][p.linked]
+        return out
 
-    def _in_order(self, matrix: csc_array) -> csc_array:
-        """A matrix (n, n) in the order of the chain, in units of its own weight."""
-        place = np.empty(len(self._order), dtype=matrix.indices.dtype)
-        place[self._order] = np.arange(len(self._order))
-        of_column = np.repeat(np.arange(matrix.shape[1]), np.diff(matrix.indptr))
-        data = matrix.data * self.unit[matrix.indices] * self.unit[of_column]
-        return csc_array((data, (place[matrix.indices], place[of_column])), shape=matrix.shape)
+    def _factored(self, weight: np.ndarray, slow: np.ndarray) -> Chain:
+        """The factor of the equations in units of their own weight."""
+        layout = self._pattern.layout
+        try:
+            return Chain(layout, self._in_units(self._values(weight, slow)))
+        except np.linalg.LinAlgError:
+            # What nothing determines is held a little.
+            values = self._in_units(self._values(weight, slow))
+            values[self._pattern.diagonal] += 1e-9
+            return Chain(layout, values)
 
-    def _held(self, matrix: csc_array) -> csc_array:
-        """A block that nothing holds is held as a whole, where it is."""
+    def _in_units(self, values: np.ndarray) -> np.ndarray:
+        """The same in units of their own weight, in place, or metres and radians would meet."""
+        p = self._pattern
+        self.unit = 1.0 / np.sqrt(np.maximum(values[p.diagonal], 1e-300))
+        unit = self.unit[self._order]
+        own, link, edge, corner = p.layout.views(values)
+        for k, (start, end) in enumerate(zip(p.layout.starts, p.layout.ends, strict=True)):
+            mine, after = unit[start:end], unit[end : end + p.layout.after[k]]
+            own[k] *= mine
+            own[k] *= mine[:, None]
+            link[k] *= mine
+            link[k] *= after[:, None]
+        inner, outer = unit[: p.layout.inner], unit[p.layout.inner :]
+        edge *= inner[:, None]
+        edge *= outer
+        corner *= outer
+        corner *= outer[:, None]
+        if self.equations.free_motions is not None:
+            self._hold(own[0])
+        return values
+
+    def _hold(self, matrix: np.ndarray) -> None:
+        """Hold a block that nothing holds as a whole, where it is, in its equations (n, n)."""
         g = self.equations.free_motions
-        whole = np.zeros((matrix.shape[0], g.shape[1]))
+        whole = np.zeros((len(matrix), g.shape[1]))
         whole[: len(g)] = g / np.linalg.norm(g, axis=0)
-        whole = self.unit[:, None] * whole
+        whole = (self.unit[:, None] * whole)[self._order]
         # The median of the diagonal of poses and nuisance before it was brought to units.
-        weight = np.median(self.equations.matrix.diagonal())
-        return csc_array(matrix + csc_array(weight * (whole @ whole.T)))
+        matrix += np.median(self.equations.matrix.diagonal()) * (whole @ whole.T)
 
     def _ordered_right(self, right: np.ndarray, antenna: np.ndarray) -> np.ndarray:
         """Right sides (n, k) in the order of the chain, of those of the static rows.
@@ -302,6 +389,30 @@ class Elimination:
         g = e.core_without + heavy.T @ self._residual - (half.T @ self._half)[:, 0]
         return M, g
 
+    def step(self, right: np.ndarray) -> np.ndarray:
+        """Step (columns, k) of all that is a row, of what is said of the columns (columns, k)."""
+        out = np.zeros_like(right)
+        unit = self.equations.unit[self.at, None]
+        out[self.at] = unit * self.solve(unit * right[self.at])
+        return out
+
+    def scores(
+        self, right: np.ndarray, antenna: np.ndarray, priors: np.ndarray | float = 0.0
+    ) -> np.ndarray:
+        """Scores of the core (c, k) of other measurements than those at hand.
+
+        right (columns, k): what they say of the system's columns, the antenna aside; antenna
+        (3k, k): residuals of its positions, m; priors (q, k): what the priors of the groups among
+        the rows say, in prior standard deviations.
+        """
+        e, block = self.equations, self.equations.core
+        own = right * e.unit[: len(right), None]
+        static = own[self.at]
+        static[len(e.first) :] += priors
+        core = self.chain.half(self._ordered_right(self.cross.toarray(), block.antenna))
+        half = self.chain.half(self._ordered_right(static, antenna))
+        return own[e.at] + block.antenna.T @ (self._white[:, None] * antenna) - core.T @ half
+
     def reduced(self) -> Reduced:
         """M and g of what images share."""
         M, g = self.core
@@ -331,14 +442,19 @@ class Elimination:
             noise -= self.noise.log_precision
         return self.fit - self.cost - 0.5 * noise
 
-    def group(self, number: int) -> tuple[np.ndarray, np.ndarray]:
-        """Parameters (p,) of the number-th group of the rows and their variances, prior sigmas."""
-        ends = np.cumsum([len(self.equations.first), *(len(g) for g, _ in self.rows)])
-        at = slice(int(ends[number]), int(ends[number + 1]))
-        value = self._back(self.chain.other_half(self._half))[at, 0]
+    def values(self, number: int) -> np.ndarray:
+        """Parameters (p,) of the number-th group of the rows, in prior standard deviations."""
+        return self._back(self.chain.other_half(self._half))[self._rows_of(number), 0]
+
+    def variances(self, number: int) -> np.ndarray:
+        """Variances (p,) of the parameters of the number-th group of the rows, prior sigmas."""
         variance = np.empty(len(self._order))
         variance[self._order] = self.chain.inverse().diagonal()
-        return value, (self.unit**2 * variance)[at]
+        return (self.unit**2 * variance)[self._rows_of(number)]
+
+    def _rows_of(self, number: int) -> slice:
+        ends = np.cumsum([len(self.equations.first), *(len(g) for g, _ in self.rows)])
+        return slice(int(ends[number]), int(ends[number + 1]))
 
     def followed(self, group: Group, values: np.ndarray) -> np.ndarray:
         """What the static rows (n,) do about values (p,) of a group for each image, less."""
@@ -396,16 +512,22 @@ class Elimination:
         """
         inverse = self.chain.inverse()
         found = self._back(self.chain.other_half(self._half))[:, 0]
-        slow, count = found[len(self.at) :], len(self._states)
+        slow = found[len(self.at) :]
+        white = self._residual - self.jacobian @ found[: len(self.at)]
+        white[self._states] -= self._size * slow
+        white = white**2
+        place, unit, j = self._pattern.place, self.unit, self.jacobian
         into = csr_array(
-            (self._size, (self._states, np.arange(count))), shape=(len(self._white), count)
+            (
+                self._size * unit[len(self.at) :],
+                (self._states, place[len(self.at) :]),
+            ),
+            shape=(len(self._white), len(place)),
         )
-        rows = csr_array(hstack([self.jacobian, into]) @ diags_array(self.unit))[:, self._order]
-        white = (self._residual - self.jacobian @ found[: len(self.at)] - into @ slow) ** 2
+        seen = (j.data * unit[j.indices], place[j.indices], j.indptr)
+        rows = csr_array(csr_array(seen, shape=into.shape) + into)
         white = white + inverse.variances(rows)
-        place = np.empty(len(self._order), dtype=np.int64)
-        place[self._order] = np.arange(len(self._order))
-        place, unit = place[len(self.at) :], self.unit[len(self.at) :]
+        place, unit = place[len(self.at) :], unit[len(self.at) :]
         square = slow**2 + unit**2 * inverse.diagonal()[place]
         pairs = slow[:-1] * slow[1:] + unit[:-1] * unit[1:] * inverse.between(place[:-1], place[1:])
         return white, square, pairs, self._states
@@ -459,13 +581,16 @@ def _between(e: Equations, one: Group, other: Group) -> csc_array:
     return csc_array(csr_array(found)[one.columns][:, other.columns])
 
 
-def _static(e: Equations, rows: Rows, parts: list[Part], weight: np.ndarray) -> csc_array:
-    """Equations (n, n) of the static rows, the antenna aside, with the priors of the groups."""
-    if not parts:
-        return csc_array(e.matrix)
-    table = [[e.matrix, *(p.cross for p in parts)]]
-    for n, (group, _) in enumerate(rows):
-        others = [_between(e, group, other) for other, _ in rows]
-        table.append([parts[n].cross.T, *others])
-    zero = np.concatenate([np.zeros(e.matrix.shape[0]), weight])
-    return csc_array(block_array(table) + diags_array(zero))
+def _lower(e: Equations, groups: list[Group], parts: list[Part]) -> coo_array:
+    """Lower triangle (n, n) of the equations of the static rows, but for antenna and priors."""
+    blocks = [(0, 0, tril(e.matrix))]
+    begin = np.cumsum([len(e.first), *(len(group) for group in groups)]).tolist()
+    for n, part in enumerate(parts):
+        blocks.append((begin[n], 0, part.cross.T))
+        blocks += [(begin[n], begin[k], _between(e, groups[n], groups[k])) for k in range(n)]
+        blocks.append((begin[n], begin[n], tril(part.inside)))
+    found = [(down, right, coo_array(block)) for down, right, block in blocks]
+    row = np.concatenate([block.row.astype(np.int32) + down for down, _, block in found])
+    column = np.concatenate([block.col.astype(np.int32) + right for _, right, block in found])
+    data = np.concatenate([block.data for *_, block in found])
+    return coo_array((data, (row, column)), shape=(begin[-1], begin[-1]))

@@ -108,12 +108,12 @@ class Verification:
             self.notes.append(f"The adjustment with what was found failed: {failed}")
             return last.adjustment, list(last.log["model"])
 
-    def _fit(self, keys: Sequence[str], said: str) -> Adjustment | None:
+    def _fit(self, keys: Sequence[str], said: str, near: bool = False) -> Adjustment | None:
         which = frozenset(keys)
         if which in self._fitted:
             return self._fitted[which]
         try:
-            fit = self._believed.adjust(self._course.members(keys), block=self._block)
+            fit = self._believed.adjust(self._course.members(keys), self._block, near)
         except (InputError, AdjustmentFailed) as failed:
             self.notes.append(f"{said}: {failed}")
             return None
@@ -134,7 +134,8 @@ class Verification:
     def _fits(self, others: Iterable[str], instead: str) -> dict[str, Adjustment]:
         """Fits with each of several groups in place of one, those that succeed."""
         tried = {
-            key: self._fit(self._with(key, instead), f"The fit with {key} failed") for key in others
+            key: self._fit(self._with(key, instead), f"The fit with {key} failed", near=True)
+            for key in others
         }
         return {key: fit for key, fit in tried.items() if fit is not None}
 
@@ -316,7 +317,7 @@ class Verification:
                 continue
             kind = "check points" if "check" in share[best] else "held-out image points"
             self.notes.append(
-                f"The fit cannot tell {one.key} and {best} apart; {kind} are predicted better "
+                f"The fit cannot separate {one.key} and {best}; {kind} are predicted better "
                 f"with {best}, so their error afterwards is no longer independent."
             )
             self._go_on(self._with(best, one.key), fits[best])
@@ -341,7 +342,7 @@ class Verification:
             if best is None:
                 continue
             self.notes.append(
-                f"The fit cannot tell {mine} and {best} apart; check points are predicted better "
+                f"The fit cannot separate {mine} and {best}; check points are predicted better "
                 f"by far with {best}, so their error afterwards is no longer independent."
             )
             self.findings = in_place_of(self.findings, self._last, key, numbers[best])

@@ -39,6 +39,8 @@ class Parser(argparse.ArgumentParser):
             near = did_you_mean(chosen[2], re.findall(r"[\w-]+", chosen[3]))
             known = near or f": choose from {chosen[3]}"
             message = f"{chosen[1]}: {chosen[2]!r} is unknown{known}"
+        if message.endswith("required: VERB") and self.prog == "corridor":
+            message = "say what to do, for a first look `corridor check PROJECT -o OUT`"
         print(f"error: {message}; see `{self.prog} --help`.", file=sys.stderr)
         raise SystemExit(2)
 

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import chdtri
 
+from corridor.core.adjustment import tested_by
 from corridor.core.output import (
     DASH,
     Report,
@@ -308,7 +309,7 @@ def steps(adjustment: Adjustment) -> list[str]:
             "`corridor plan PLAN` says how many"
         )
     if not len(check):
-        out.append("Keep surveyed points apart to test it: `corridor adjust BLOCK --check ID,ID`")
+        out.append(tested_by(adjustment.block))
     outliers = sum(len(table[table["outlier"]]) for table in adjustment.residuals.values())
     if outliers:
         where = counted(outliers, "measurement")

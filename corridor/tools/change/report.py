@@ -13,12 +13,13 @@ import pandas as pd
 from corridor.core import registry
 from corridor.core.adjustment import grave
 from corridor.core.errors import InputError
-from corridor.core.gnss import in_world, world_crs
+from corridor.core.gnss import in_world, local_of, world_crs
 from corridor.core.output import (
     Layer,
     Report,
     Table,
     files_in,
+    on_north_grid,
     significant,
     times,
     whole_folder,
@@ -164,9 +165,13 @@ def _write_gis(change, folder: Path) -> list[str]:
         bands = {"change": surface.distance, "sigma": surface.total}
         bands["detection_95"] = surface.detection
         spacing = surface.cores.spacing
-        # Pixels lie along the axes of the block, which in a local frame are not those of a grid.
-        own = surface.cores.xyz[:, :2] + block.offset[:2]
-        missing += _tried(write_geotiff, folder / "change.tif", own, spacing, bands, block.crs)
+        plan = places[:, :2]
+        if local_of(block) is not None:
+            # Cells lie along the axes of the local frame, pixels along those of the map's grid.
+            plan, row = on_north_grid(plan, spacing)
+            bands = {name: values[row] for name, values in bands.items()}
+        tif = folder / "change.tif"
+        missing += _tried(write_geotiff, tif, plan, spacing, bands, world_crs(block))
     if layers:
         missing += _tried(write_geopackage, folder / "change.gpkg", layers, world_crs(block))
     return missing

@@ -44,7 +44,7 @@ def verdict_sentence(change) -> str:
     if surface is None:
         return f"{said}."
     seen = 1000 * np.median(surface.detection)
-    return f"{said}; half of the surface would show {seen:.0f} mm (95 %)."
+    return f"{said}; in half of the surface a change of {seen:.0f} mm would be detected (95 %)."
 
 
 def _unfit(objections) -> str:

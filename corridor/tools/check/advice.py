@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from corridor.core.block import Block
-from corridor.core.output import counted, millimetres
+from corridor.core.errors import some
+from corridor.core.output import counted, millimetres, significant
 
 # A value of distortion or arm below this many standard deviations may be zero (95 %).
 _SIGNIFICANT = 2.0
@@ -19,16 +22,14 @@ _RESIDUALS = {"tie": "tie points", "mark": "marks"}
 class ProgramSettings:
     """Settings for another program.
 
-    free, hold: camera parameters that the block determines, and that may be zero. held: whether
-    the camera is a calibration. image: px of tie points and marks. positions: m horizontally and
-    in height, of camera positions. arms: flight -> antenna in the camera frame and sigmas, m.
-    without: control points to take out.
-    effects: what the program has to model, or gets corrected measurements for.
+    cameras: camera -> parameters that the block determines, and those that may be zero; both empty
+    where the camera is held. image: px of tie points and marks. positions: m horizontally and in
+    height, of camera positions. arms: flight -> antenna in the camera frame and sigmas, m. without:
+    control points to take out. effects: what the program has to model, or gets corrected
+    measurements for.
     """
 
-    free: list[str]
-    hold: list[str]
-    held: bool
+    cameras: dict[str, tuple[list[str], list[str]]]
     image: dict[str, float] = field(default_factory=dict)
     positions: tuple[float, float] | None = None
     arms: dict[str, list[tuple[float, float]]] = field(default_factory=dict)
@@ -38,14 +39,15 @@ class ProgramSettings:
     @classmethod
     def of(cls, adjustment: dict, found: dict | None, block: Block) -> ProgramSettings:
         """Settings of adjustment.json and diagnosis.json."""
-        free, hold = {}, {}
-        for camera in adjustment["camera"].values():
-            for name, one in camera.items():
+        cameras: dict[str, tuple[list[str], list[str]]] = {}
+        for camera, parameters in adjustment["camera"].items():
+            cameras[camera] = free, hold = [], []
+            for name, one in parameters.items():
                 value, sigma = one["value"], one["sigma"]
                 if not sigma or value is None:
                     continue
                 firm = name in _ALWAYS or abs(value) > _SIGNIFICANT * sigma
-                (free if firm else hold)[name] = True
+                (free if firm else hold).append(name)
         named = [one for one in (found or {}).get("effects") or [] if one.get("class") == "named"]
         observed = adjustment["observations"]
         image = {
@@ -59,9 +61,7 @@ class ProgramSettings:
             if all(arm[axis]["value"] is not None and arm[axis]["sigma"] for axis in "xyz")
         }
         return cls(
-            free=list(free),
-            hold=[name for name in hold if name not in free],
-            held=not free and not hold,
+            cameras=cameras,
             image=image,
             positions=_positions(observed.get("gnss"), block),
             arms=arms,
@@ -72,19 +72,26 @@ class ProgramSettings:
     def sentences(self, form: str) -> list[str]:
         """The settings in words, a line each."""
         out = []
-        if self.held:
-            out.append("Hold the camera at the calibration of the project.")
-        elif self.free:
-            held = f"; hold {', '.join(self.hold)} at 0, which may be zero" if self.hold else ""
-            out.append(f"Free the camera parameters {', '.join(self.free)}{held}.")
+        alike: dict[tuple[str, str], list[str]] = {}
+        for camera, (free, hold) in self.cameras.items():
+            alike.setdefault((", ".join(free), ", ".join(hold)), []).append(camera)
+        for (free, hold), cameras in alike.items():
+            whose = "the camera" if len(alike) == 1 else some(cameras, 5)
+            if free:
+                held = f"; hold {hold} at 0, which may be zero" if hold else ""
+                out.append(f"Free the parameters of {whose}: {free}{held}.")
+            else:
+                out.append(f"Hold {whose} at the calibration of the project.")
         if self.image:
-            told = ", ".join(f"{what} {value:.2f} px" for what, value in self.image.items())
+            told = ", ".join(
+                f"{what} {significant(value)} px" for what, value in self.image.items()
+            )
             out.append(f"Accuracy of image measurements: {told}.")
         if self.positions is not None:
             level, up = self.positions
             out.append(
-                f"Accuracy of camera positions: {100 * level:.1f} cm horizontally, "
-                f"{100 * up:.1f} cm in height."
+                f"Accuracy of camera positions: {millimetres(level)} horizontally, "
+                f"{millimetres(up)} in height."
             )
         for flight, arm in self.arms.items():
             if any(abs(value) > _SIGNIFICANT * sigma for value, sigma in arm):
@@ -105,18 +112,15 @@ class ProgramSettings:
 
 
 def _positions(gnss: dict | None, block: Block) -> tuple[float, float] | None:
-    """Accuracy of positions, m: as large as stated, or as the residuals are."""
+    """Accuracy of positions, m: the residuals, and what the block states where that is more."""
     if not gnss or not gnss.get("rms") or not len(block.gnss):
         return None
-    stated = [float(value) for value in _median(block)]
     rms = [float(value or 0.0) for value in gnss["rms"]]
-    return max(max(stated[:2]), math.hypot(*rms[:2]) / math.sqrt(2)), max(stated[2], rms[2])
-
-
-def _median(block: Block):
-    import numpy as np
-
-    return np.median(block.gnss_sigma(), axis=0)
+    level, up = math.hypot(*rms[:2]) / math.sqrt(2), rms[2]
+    if {"sx", "sy", "sz"} <= set(block.gnss):
+        stated = [float(value) for value in np.nanmedian(block.gnss_sigma(), axis=0)]
+        level, up = max(*stated[:2], level), max(stated[2], up)
+    return level, up
 
 
 def verdict_of(final: dict, found: dict | None, required: float | None) -> tuple[str, str]:
@@ -148,5 +152,5 @@ def verdict_of(final: dict, found: dict | None, required: float | None) -> tuple
 
 def _diagnosis_said(found: dict | None) -> str:
     if found is None:
-        return "What is missing from its model was not asked."
+        return "Whether its model lacks something was not tested (--quick)."
     return str(found.get("sentence") or "")

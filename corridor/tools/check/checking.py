@@ -5,10 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from corridor.core import __version__, registry
 from corridor.core import adjustment as least_squares
@@ -16,8 +18,16 @@ from corridor.core.adjustment import Model
 from corridor.core.block import Block, read
 from corridor.core.brief import brief
 from corridor.core.errors import AdjustmentFailed, InputError, WorkFailed
-from corridor.core.gnss import known_crs, local_of
-from corridor.core.output import Progress, plain, telling, whole_file, write_json
+from corridor.core.gnss import known_crs, local_of, world_crs
+from corridor.core.output import (
+    Progress,
+    counted,
+    millimetres,
+    plain,
+    telling,
+    whole_file,
+    write_json,
+)
 from corridor.core.photographs import photographs_in
 from corridor.tools.check.advice import ProgramSettings, verdict_of
 from corridor.tools.check.report import page_of, text_of
@@ -27,6 +37,15 @@ from corridor.tools.check.taking_back import TakenBack, take_back
 MARK = "check.state.json"
 RESULT = "check.json"
 _MOST_FILES = 20_000
+# A self-calibration that works knows f to some 0.01 to 0.1 %, and the value in a project is of one:
+# where the images of this block leave f more open than this, the project knows more than they do.
+_MOST_OF_F = 0.005
+# What a diagnosis takes on two processors: 15 s at 60,000 observations, 64 s at 333,000 and 254 s
+# at 1.7 million (benchmarks/diagnosis_speed.py).
+_START_S, _S_PER_MILLION = 8.0, 160.0
+# Where a free camera does not adjust, holding it is an answer only if the residuals are about what
+# is stated: beyond three times that, something else is wrong, which the start values tell.
+_FITS = 3.0
 
 
 @brief
@@ -122,19 +141,20 @@ def check_project(
     adjustment = stages.get("adjusted")
     if adjustment is None:
         say(f"adjusting {len(block.images)} images")
-        adjustment = _adjusted(block, output / "adjusted", required, threads, [])
+        adjustment = _adjusted_somehow(block, output / "adjusted", required, threads)
         stages.done("adjusted", adjustment)
         if diagnose and adjustment["converged"]:
-            say("diagnosing, which takes most of the time (--quick leaves it out)")
+            say(f"diagnosing: {_about(block)}; --quick leaves it out")
+    held = adjustment.get("held", False)
     found = stages.get("diagnosed")
     if found is None and diagnose and adjustment["converged"]:
-        found = _diagnosed(block, output / "missing", required, threads, progress)
+        found = _diagnosed(block, output / "missing", required, threads, held, progress)
         stages.done("diagnosed", found)
     best = stages.get("with_found")
     slugs = _named(found)
     if best is None and slugs:
         say(f"adjusting with {', '.join(slugs)}")
-        best = _adjusted(block, output / "adjusted_with_found", required, threads, slugs)
+        best = _adjusted(block, output / "adjusted_with_found", required, threads, held, slugs)
         stages.done("with_found", best)
     home = output / "adjusted"
     if best is not None and best["converged"]:
@@ -153,7 +173,7 @@ def check_project(
         say("adjusting once more for the certificate")
         slugs = slugs if home.name != "adjusted" else []
         made = registry.room("certificate").certify(
-            output / "block", certificate, model=_model(block, slugs), required=required,
+            output / "block", certificate, model=_model(held, slugs), required=required,
             threads=threads,
         )  # fmt: skip
         stages.done("certified", {"files": [str(path) for path in made.save(output)]})
@@ -231,42 +251,126 @@ def _form(project: Path, form: str) -> str:
     """The format to ask for: photographs where nothing else is recognised and there are some."""
     if form != "auto" or not project.is_dir():
         return form
+    if registry.room("interchange").candidates(project):
+        return form
     try:
-        registry.room("interchange").recognised(project)
+        return "photos" if photographs_in(project) else form
     except InputError:
-        if _has_photographs(project):
-            return "photos"
-        raise
-    return form
-
-
-def _has_photographs(folder: Path) -> bool:
-    try:
-        return bool(photographs_in(folder))
-    except InputError:
-        return False
+        return form
 
 
 def _imported(project, form, folder, added, progress) -> dict:
     formats = registry.room("interchange")
-    made = formats.import_project(project, form, folder, progress=progress, **added)
-    block, notes = made.block, [*made.project.warnings, *made.project.notes]
-    if block.crs is not None and known_crs(block.crs).is_projected and local_of(block) is None:
+    made = formats.import_project(
+        project, form, folder, unadjusted=True, progress=progress, **added
+    )
+    block, notes = made.block, list(made.project.notes)
+    if not (len(block.tie_points) or len(block.marks)):
+        told = "".join(
+            f"; {sentence}"
+            for sentence in made.project.warnings
+            if sentence != made.proof.refusal()
+        )
+        raise InputError(
+            f"{project} has {counted(len(block.images), 'image')} and no image measurement (tie "
+            "points or marks), so there is nothing to adjust; name a file that has them, or the "
+            f"folder of the photographs{told}"
+        )
+    if _in_grid(block):
         # A grid is no Cartesian frame: what it bends would be laid on the camera.
         crs = block.crs
         again = formats.import_project(folder, "block", folder, to_crs=crs)
         notes += again.project.notes
-    return {"form": made.project.form, "notes": notes, "proof": str(made.proof)}
+    return {
+        "form": made.project.form,
+        "notes": notes,
+        "warnings": made.project.warnings,
+        "proof": str(made.proof),
+    }
 
 
-def _model(block: Block, effects: list[str]) -> Model:
-    calibrated = all(camera.calibrated for camera in block.cameras.values())
-    return Model(camera="fixed" if calibrated else "fraser8", effects=effects)
+def _about(block: Block) -> str:
+    """How long a diagnosis takes, in words."""
+    seconds = _START_S + _S_PER_MILLION * 1e-6 * (len(block.tie_points) + len(block.marks))
+    long = f"{seconds / 60:.0f} minutes" if seconds > 90 else f"{seconds:.0f} s"
+    return f"about {long} on two idle processors, more on busy ones"
 
 
-def _adjusted(block: Block, folder: Path, required, threads: int, effects: list[str]) -> dict:
+def _in_grid(block: Block) -> bool:
+    """Whether coordinates are those of a grid; a crs that nobody knows is none, and is told."""
+    if local_of(block) is not None or world_crs(block) is None:
+        return False
     try:
-        adjustment = least_squares.adjust(block, model=_model(block, effects), threads=threads)
+        return bool(known_crs(block.crs).is_projected)
+    except InputError:
+        return False
+
+
+def _adjusted_somehow(block: Block, folder: Path, required, threads: int) -> dict:
+    """Adjusted with a free camera; with the project's own where the images cannot determine it."""
+    free = _adjusted(block, folder, required, threads)
+    told = _undetermined(free)
+    if not told or all(camera.calibrated for camera in block.cameras.values()):
+        return free | _by_own_poses(block, free)
+    held = _adjusted(block, folder, required, threads, held=True)
+    if not held["converged"] or not (free["converged"] or held["sigma0"] < _FITS):
+        return free | _by_own_poses(block, free)
+    remark = f"{told}: it is held at the calibration of the project."
+    return held | {"held": True, "warnings": [remark, *held["warnings"]]}
+
+
+def _undetermined(adjustment: dict) -> str:
+    """Why the camera of an adjustment is not to be believed; empty where it is."""
+    if not adjustment["converged"]:
+        return "With a free camera the block does not adjust"
+    for name, camera in adjustment["camera"].items():
+        value, sigma = (camera["f"][key] for key in ("value", "sigma"))
+        if sigma and sigma > _MOST_OF_F * value:
+            return (
+                f"These images do not determine the camera ({name}): free, its focal length is "
+                f"{value:,.0f} +- {sigma:,.0f} px"
+            )
+    return ""
+
+
+def _by_own_poses(block: Block, adjustment: dict) -> dict:
+    """Where the rays of the marks meet by the poses of the project, for one that does not adjust.
+
+    Empty where it adjusts, or where no ground point is seen by two images with poses.
+    """
+    if adjustment["converged"] or not (len(block.marks) and len(block.ground)):
+        return {}
+    if "qw" not in block.images or block.extra.get("frame") == "arbitrary":
+        return {}
+    seen = registry.room("interchange").ground_seen(block)
+    if not len(seen.names):
+        return {}
+    off = np.linalg.norm(seen.given - seen.met, axis=1)
+    told = (
+        f"By the poses that the project has, the rays of the marks meet "
+        f"{millimetres(float(np.sqrt(np.mean(off**2))))} from "
+        f"{counted(len(off), 'surveyed point')} (3D RMS). That is no independent check of "
+        "points that the project itself used as control."
+    )
+    return {"own": told}
+
+
+def _model(held: bool, effects: Iterable[str]) -> Model:
+    """Free cameras, but for those that are calibrated; none of them where the camera is held."""
+    return Model(camera="fixed" if held else None, effects=effects)
+
+
+def _adjusted(
+    block: Block,
+    folder: Path,
+    required,
+    threads: int,
+    held: bool = False,
+    effects: Iterable[str] = (),
+) -> dict:
+    model = _model(held, effects)
+    try:
+        adjustment = least_squares.adjust(block, model=model, threads=threads)
     except (AdjustmentFailed, InputError) as failed:
         return {"converged": False, "warnings": [f"{failed}."]}
     adjustment.required = required
@@ -278,13 +382,18 @@ def _adjusted(block: Block, folder: Path, required, threads: int, effects: list[
     return adjustment.to_dict() | {"opening": report.opening, "actions": list(report.actions)}
 
 
-def _diagnosed(block: Block, folder: Path, required, threads: int, progress) -> dict:
+def _diagnosed(
+    block: Block, folder: Path, required, threads: int, held: bool, progress: Callable
+) -> dict:
     def say(step):
         if progress and step.result is None and step.done == step.of:
             progress(step)
 
     try:
-        diagnosis = registry.room("diagnosis").diagnose(block, threads=threads, progress=say)
+        model = {"camera": "fixed"} if held else {}
+        diagnosis = registry.room("diagnosis").diagnose(
+            block, threads=threads, progress=say, **model
+        )
     except (WorkFailed, InputError) as failed:
         return {"verdict": "failed", "sentence": f"No diagnosis was possible: {failed}."}
     diagnosis.required = required
@@ -307,6 +416,8 @@ def _told(final: dict, found: dict | None, imported: dict, home: Path):
     elif found:
         wrong += [found["sentence"]] if found["verdict"] == "failed" else []
     wrong += final.get("warnings") or []
+    wrong += [final["own"]] if final.get("own") else []
+    wrong += [f"{told[0].upper()}{told[1:].rstrip('.')}." for told in imported["warnings"]]
     actions = list((found or {}).get("actions") or []) or list(final.get("actions") or [])
     put = {"BLOCK": str(home.parent / "block"), "OUT/": f"{home.parent}/missing/"}
     for old, new in put.items():

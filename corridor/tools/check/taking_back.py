@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import tomllib
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,14 +11,16 @@ import pandas as pd
 
 from corridor.core import registry
 from corridor.core.block import Block
+from corridor.core.camera import Camera
 from corridor.core.effects import take_out
 from corridor.core.errors import InputError
-from corridor.core.gnss import in_world, world_crs
-from corridor.core.output import whole_folder, write_csv
+from corridor.core.gnss import in_world, known_crs, world_crs
+from corridor.core.output import counted, whole_folder, write_csv
 from corridor.tools.check.advice import ProgramSettings
 
 MARK = "settings.txt"
-_XYZ = ["x", "y", "z"]
+_DIGITS = 12  # a northing to a hundredth of a millimetre
+_XYZ, _SIGMAS = ["x", "y", "z"], ["sx", "sy", "sz"]
 
 
 @dataclass
@@ -64,33 +67,78 @@ def take_back(result: Path, folder: Path, form: str, settings: ProgramSettings) 
             except InputError as error:
                 sentences.append(f"the project was not written as {native}: {error}")
                 native = ""
-    proof = _proved(folder, measured, native, formats)
+    proof = proved(folder, measured, native, formats)
     files = sorted(str(path) for path in folder.rglob("*") if path.is_file())
     return TakenBack(str(folder), files, native, proof, sentences)
 
 
-def _proved(folder: Path, block: Block, native: str, formats) -> str:
-    """What importing the files again shows."""
+def proved(folder: Path, block: Block, native: str, formats) -> str:
+    """What importing every file again shows, against the block that they were written from."""
     told = []
     if native:
         project = formats.read_project(folder / "project", native)
         proof = formats.prove(project)
         told.append(f"project/ imported again: {proof.main}")
-    if (folder / "gcp_list.txt").is_file():
-        again = formats.read_gcp_list(folder / "gcp_list.txt")
-        marks = {(p, i): (x, y) for p, i, x, y in again.marks}
-        mine = block.marks[["point", "image", "x", "y"]].astype({"point": str, "image": str})
-        away = [
-            np.hypot(marks[p, i][0] - x, marks[p, i][1] - y)
-            for p, i, x, y in mine.itertuples(index=False)
-            if (p, i) in marks
-        ]
-        if away:
-            told.append(
-                f"gcp_list.txt read again: {len(again.table)} points, {len(away)} marks, the same "
-                f"to {max(away):.1g} px"
-            )
+    off = max(
+        float(np.abs(camera.interior - again.interior).max())
+        for camera, again in zip(
+            block.cameras.values(), _cameras(folder / "camera.toml").values(), strict=True
+        )
+    )
+    told.append(f"camera.toml read again: {_same(off, 'in every parameter')}")
+    if (folder / "positions.csv").is_file():
+        again = pd.read_csv(folder / "positions.csv", dtype={"image": str})
+        table = formats.camera_positions(block)
+        places = again[_XYZ].to_numpy(float)
+        off = _largest(in_world(block, table[_XYZ].to_numpy(float)) - places)
+        sigmas = np.abs(again[_SIGMAS].to_numpy(float) - table[_SIGMAS].to_numpy(float))
+        told.append(
+            f"positions.csv read again: {counted(len(again), 'position')}, "
+            f"{_same(off, 'm')}, standard deviations {_same(float(np.nanmax(sigmas)), 'm')}"
+        )
+    for name in ("ground.csv", "gcp_list.txt"):
+        if (folder / name).is_file():
+            told.append(f"{name} imported again: {_ground_again(folder / name, block, formats)}")
     return "; ".join(told)
+
+
+def _same(off: float, unit: str) -> str:
+    """How far apart two of the same are; rounding of what is written is below 1e-4."""
+    if off == 0.0:
+        return f"the same {unit}" if " " in unit else "the same"
+    return f"the same to {off:.1g} {unit}"
+
+
+def _largest(apart: np.ndarray) -> float:
+    return float(np.linalg.norm(apart, axis=1).max()) if len(apart) else 0.0
+
+
+def _cameras(path: Path) -> dict[str, Camera]:
+    tables = tomllib.loads(path.read_text(encoding="utf-8"))["camera"]
+    return {name: Camera.from_table(name, table) for name, table in tables.items()}
+
+
+def _ground_again(path: Path, block: Block, formats) -> str:
+    """Ground points and marks of a file, imported into the block without its own."""
+    bare = replace(block, ground=None, marks=None)
+    project = formats.Project("block", path.parent, bare, own=True)
+    crs = world_crs(block)
+    again = formats.add_ground(project, path, crs=crs).block
+    told = []
+    for table, columns, keys, unit in (
+        ("ground", _XYZ, ["point"], "m"),
+        ("marks", ["x", "y"], ["point", "image"], "px"),
+    ):
+        mine, theirs = (
+            getattr(one, table).astype(dict.fromkeys(keys, str)).set_index(keys)[columns]
+            for one in (block, again)
+        )
+        both = mine.index.intersection(theirs.index)
+        if len(both):
+            off = _largest((mine.loc[both] - theirs.loc[both]).to_numpy(float))
+            what = counted(len(both), "point" if table == "ground" else "mark")
+            told.append(f"{what}, {_same(off, unit)}")
+    return ", ".join(told)
 
 
 def _write_settings(folder: Path, settings: ProgramSettings, form: str) -> None:
@@ -114,7 +162,7 @@ def _write_positions(folder: Path, block: Block, formats) -> None:
     table = formats.camera_positions(block)
     if len(table):
         table = _out(block, table)
-        write_csv(table, folder / "positions.csv")
+        write_csv(table, folder / "positions.csv", _DIGITS)
 
 
 def _out(block: Block, table: pd.DataFrame) -> pd.DataFrame:
@@ -129,22 +177,24 @@ def _write_ground(folder: Path, block: Block) -> None:
     ground = _out(block, block.ground)
     sigma = block.ground_sigma()
     ground = ground.assign(sx=sigma[:, 0], sy=sigma[:, 1], sz=sigma[:, 2])
-    columns = ["point", *_XYZ, "sx", "sy", "sz", "role"]
-    text = ground[columns].to_csv(index=False, float_format="%.4f", lineterminator="\n")
-    (folder / "ground.csv").write_text(text, encoding="utf-8", newline="\n")
     crs = world_crs(block)
+    # A tenth of a millimetre, also in degrees.
+    digits = 9 if crs is not None and known_crs(crs).is_geographic else 4
+    ground[_XYZ] = ground[_XYZ].round(digits)
+    write_csv(ground[["point", *_XYZ, *_SIGMAS, "role"]], folder / "ground.csv", _DIGITS)
     used = ground[ground["role"] != "unused"].set_index("point")
     if not len(block.marks):
         return
     marks = block.marks[["point", "image", "x", "y"]].astype({"point": str, "image": str})
-    marks.to_csv(folder / "marks.csv", index=False, float_format="%.4f", lineterminator="\n")
+    marks[["x", "y"]] = marks[["x", "y"]].round(4)
+    write_csv(marks, folder / "marks.csv", _DIGITS)
     if crs is None or not len(used):
         return
     lines = [crs]
     for point, image, x, y in marks.itertuples(index=False):
         if point in used.index:
             place = used.loc[point, _XYZ].to_numpy(float)
-            e, n, h = (f"{value:.4f}" for value in place)
+            e, n, h = (f"{value:.{digits}f}" for value in place)
             lines.append(f"{e} {n} {h} {x:.3f} {y:.3f} {_word(image)} {_word(point)}")
     (folder / "gcp_list.txt").write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 

@@ -7,7 +7,7 @@ project.block.write("block")
 
 from corridor.core.photographs import Metadata as Photograph
 from corridor.core.photographs import read_metadata as read_photograph
-from corridor.tools.formats.control import add_ground
+from corridor.tools.formats.control import add_ground, ground_seen
 from corridor.tools.formats.exporting import (
     Exported,
     export_names,
@@ -16,9 +16,10 @@ from corridor.tools.formats.exporting import (
 )
 from corridor.tools.formats.ground import read_gcp_list
 from corridor.tools.formats.importing import Additions, Imported, complete, import_project
+from corridor.tools.formats.programs import candidates
 from corridor.tools.formats.project import Project
 from corridor.tools.formats.proof import Proof, Residuals, demand, prove
-from corridor.tools.formats.reading import format_names, read_project, recognised
+from corridor.tools.formats.reading import format_names, read_project
 from corridor.tools.formats.rows import camera_positions
 
 __all__ = [
@@ -31,16 +32,17 @@ __all__ = [
     "Residuals",
     "add_ground",
     "camera_positions",
+    "candidates",
     "complete",
     "demand",
     "export_names",
     "export_project",
     "format_names",
+    "ground_seen",
     "import_project",
     "prove",
     "read_adjusted",
     "read_gcp_list",
     "read_photograph",
     "read_project",
-    "recognised",
 ]

@@ -41,6 +41,7 @@ _MEETS, _BETTER = 0.005, 0.2
 # are good to 3 m in plan and 6 m in height.
 _SIGMAS, _LEAST_M = 4.0, 10.0
 _LEAST_POINTS, _MOST_TRIED = 3, 2000
+_MOST_PX = 100_000  # no picture is so large
 
 
 class Seen(NamedTuple):
@@ -92,7 +93,11 @@ def add_ground(
     if not (len(block.ground) and len(block.marks)):
         return project
     free = not project.placed and local_of(block) is None
-    project = (_placed if free else _in_one_height_system)(project, path.name)
+    if free:
+        project = _placed(project, path.name)
+    else:
+        _refuse_beside_others(project.block, names, path.name)
+        project = _in_one_height_system(project, path.name)
     heights = np.zeros(0) if ground.table is None else ground.table["z"].to_numpy(float)
     if len(heights) <= _LEAST_POINTS or np.ptp(heights) > 0:
         return project
@@ -158,7 +163,7 @@ def _factors(block: Block, photos: Mapping[int, Metadata]) -> list[float]:
 
 def _missed(block: Block) -> float:
     """By how many pixels rays of marks miss each other, median; infinite where none meet."""
-    missed = _seen(block).missed_px
+    missed = ground_seen(block).missed_px
     inside = _outside(block) < 0.5
     return float(np.median(missed)) if len(missed) and inside else np.inf
 
@@ -172,8 +177,8 @@ def _outside(block: Block) -> float:
     return float(((xy < -0.5) | (xy > limit)).any(axis=1).mean()) if len(xy) else 0.0
 
 
-def _seen(block: Block) -> Seen:
-    """The ground points where the rays of their marks meet."""
+def ground_seen(block: Block) -> Seen:
+    """Control and check points where the rays of their marks meet by the block's own poses."""
     rows = rows_of(block, complete=False)
     rows = rows.only(np.isfinite(rows.centre).all(axis=1)[rows.image])
     table = block.ground[block.ground["role"] != "unused"]
@@ -201,7 +206,7 @@ def _seen(block: Block) -> Seen:
 
 def _placed(project: Project, name: str) -> Project:
     """A free reconstruction turned, scaled and shifted onto ground control."""
-    seen = _seen(project.block)
+    seen = ground_seen(project.block)
     found = _robust(seen)
     if found is None:
         return project.having(
@@ -282,12 +287,29 @@ def moved_by(project: Project, move: Similarity) -> Project:
     return project.having(images=images, points=points)
 
 
+def _refuse_beside_others(block: Block, names: list[str], file: str) -> None:
+    """Raises InputError where the points of a file lie off, and the project's own do not."""
+    seen = ground_seen(block)
+    new = np.isin(seen.names, names)
+    if not new.any() or new.all():
+        return
+    off = np.array([np.median((seen.given - seen.met)[mine], axis=0) for mine in (new, ~new)])
+    size = np.linalg.norm(off, axis=1)
+    if size[0] > _LEAST_M and size[1] < _LEAST_M:
+        raise InputError(
+            f"{file}: its points lie {np.hypot(*off[0, :2]):,.1f} m horizontally and "
+            f"{off[0, 2]:+,.1f} m vertically from where the marks in the pictures see them, the "
+            f"ground points that the project has only {size[1]:.1f} m: give the points in the same "
+            "system, with heights above the same surface (ellipsoid or geoid)"
+        )
+
+
 def _in_one_height_system(project: Project, name: str) -> Project:
     """The project in the height system of its control, where that is another than the positions'.
 
     Raises InputError, with both numbers, where control lies somewhere else altogether.
     """
-    block, seen = project.block, _seen(project.block)
+    block, seen = project.block, ground_seen(project.block)
     if not len(seen.names):
         return project
     off = seen.given - seen.met
@@ -302,7 +324,8 @@ def _in_one_height_system(project: Project, name: str) -> Project:
     what = "positions of the photographs" if len(block.gnss) else "images"
     if far[:2].any() or len(seen.names) < 2:
         raise InputError(
-            f"{name}: its points lie {plan:,.1f} m in plan and {up:+,.1f} m in height from where "
+            f"{name}: its points lie {plan:,.1f} m horizontally and {up:+,.1f} m vertically "
+            "from where "
             f"the marks in the pictures see them (median of {len(seen.names)}), so the {what} and "
             "the ground points are not in one system; check --crs, the order of the coordinates "
             "and the names of the points"
@@ -370,7 +393,7 @@ def marks_refused(project: Project) -> str | None:
     off, limit = _in_pixels(block), _limit(block)
     if off <= limit:
         return None
-    told = f"{off:,.0f} px" if np.isfinite(off) else "behind the cameras"
+    told = f"{off:,.0f} px" if off < _MOST_PX else "far outside the pictures or behind the cameras"
     return (
         f"the marks lie {told} (median) from where ground points and poses put them, in pictures "
         f"of {limit:.0f} px: ground points and poses are not in one system; check the coordinate "

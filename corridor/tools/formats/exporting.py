@@ -16,9 +16,11 @@ from corridor.core.block import Block, read
 from corridor.core.brief import brief
 from corridor.core.effects import Values, every_effect, take_out
 from corridor.core.errors import InputError
+from corridor.core.gnss import in_metres, moved
 from corridor.core.output import Progress, file_lines, telling, whole_folder
 from corridor.tools.formats.cameras import moved_to
 from corridor.tools.formats.programs import writers
+from corridor.tools.formats.project import near_origin
 from corridor.tools.formats.proof import MEDIAN_PX, Residuals
 from corridor.tools.formats.rows import rows_of
 
@@ -75,6 +77,7 @@ def export_project(
     effects: Mapping[str, Mapping] | None = None,
     corrected: bool = False,
     lossy: bool = False,
+    to_crs: str | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> Exported:
     """Write the block as a project of another program, whole or not at all.
@@ -83,8 +86,10 @@ def export_project(
     measurements too. form: a name of `export_names()`. effects: values that are in the
     measurements, as `take_out` takes them; with `corrected` they are taken out, and the
     measurements moved to a camera that the target holds. lossy: parameters and effects the target
-    cannot hold are dropped instead.
-    Raises InputError where the target cannot hold the block and neither is allowed.
+    cannot hold are dropped instead. to_crs: a grid in metres, as `EPSG:25832`, to which the
+    coordinates are converted.
+    Raises InputError where the target cannot hold the block and neither is allowed, or nothing says
+    where on Earth a block lies that is to be converted.
     """
     if form not in writers():
         raise InputError(f"format {form!r} is not written; use one of {', '.join(writers())}")
@@ -114,6 +119,15 @@ def export_project(
         sentences.append(f"lost: {stated}")
     if unheld:
         exported = _to_held_cameras(exported, target, unheld, corrected, sentences)
+    if to_crs is not None:
+        in_metres(to_crs)
+        if not getattr(target, "GRIDS", True):
+            raise InputError(
+                f"coordinates of {form} are east, north, up about a point that its files name, "
+                "never those of a grid; leave --to-crs out"
+            )
+        exported = near_origin(moved(exported, to_crs))
+        sentences.append(f"coordinates are in {to_crs}")
     sentences += [
         f"{form} holds no {said}" for has, said in target.LOSSES.items() if _HAS[has](exported)
     ]

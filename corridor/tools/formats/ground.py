@@ -68,13 +68,13 @@ def read_ground(path: Path, block: Block) -> Ground:
     first = head.split("\n", 1)[0]
     if {"point", "x", "y", "z"} <= {word.strip() for word in first.split(",")}:
         return _block_table(path)
-    if _is_gcp_list(head):
+    if is_gcp_list(head):
         return read_gcp_list(path)
     found = read_text(path)
     return Ground(path, found.crs, found.table, notes=found.notes)
 
 
-def _is_gcp_list(head: str) -> bool:
+def is_gcp_list(head: str) -> bool:
     """Whether a text is a gcp_list.txt: lines of x y z column row image, or a system before all."""
     rows = [row for row in head.splitlines() if row.strip() and not row.lstrip().startswith("#")]
     if not rows:

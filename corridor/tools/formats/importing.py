@@ -162,13 +162,16 @@ def import_project(
     added: Additions,
     table_form: str = "csv",
     force: bool = False,
+    unadjusted: bool = False,
     progress: Callable[[Progress], None] | None = None,
 ) -> Imported:
     """Import a project, prove it, and write the block folder `output`, whole or not at all.
 
     form: auto, photos (from photographs alone), or a name of `format_names()`. photos to
     share: what is added to it, of `Additions`; added: these as a whole. table_form: csv or parquet.
-    force: write although the proof refuses.
+    force: write although the proof refuses. unadjusted: write also where the residuals are large
+    and no usual mistake of convention explains them, as of a project before its adjustment: that
+    adjustment is the proof.
     Raises InputError: one sentence naming file, line and remedy.
     """
     if Path(output).exists() and not Path(output).is_dir():
@@ -185,6 +188,10 @@ def import_project(
             size = picture_size(added.photos)
         say(f"reading {path}")
         project = read_project(path, form, size)
+    beside = None if added.ground is not None else _list_beside(path)
+    if beside is not None:
+        told = f"{beside} lies beside the project and was not read: give it with --ground"
+        project = project.having(warnings=[told])
     project = complete(project, added, say)
     if form == "photos":
         if bent(project.block) and _can_start(path, added):
@@ -199,14 +206,17 @@ def import_project(
         refused = marks_refused(project)
         if refused and not (force or project.own):
             raise InputError(f"{refused}; --force writes the block as it is")
-        demand(proof, force or project.own)
+        demand(proof, force or project.own or (unadjusted and not proof.explained))
     except InputError as error:
-        said = "".join(f"{sentence}. " for sentence in project.warnings)
-        raise InputError(f"{path}: {said}{error}") from None
+        said = "".join(f"; {sentence}" for sentence in project.warnings)
+        raise InputError(f"{path}: {error}{said}") from None
     if added.to_crs is not None:
         project = in_local_frame(project, added.to_crs)
     if project.own:
         pass
+    elif proof.verdict == "refused" and not force:
+        told = f"by the poses of the project itself the points do not reproject ({proof.main})"
+        project = project.having(warnings=[told])
     elif proof.verdict == "refused":
         project = project.having(warnings=[f"written with --force although {proof.refusal()}"])
     elif proof.verdict == "unproved":
@@ -218,6 +228,13 @@ def import_project(
     if form == "photos" and is_whole(project, Path(output)) and not bent(project.block):
         forget(Path(output))
     return Imported(project, proof, Path(output))
+
+
+def _list_beside(path: Path) -> Path | None:
+    """OpenDroneMap's list of ground points in the folder of a project, or in the one above."""
+    home = path if path.is_dir() else path.parent
+    places = [home, home / "opensfm", *([home.parent] if home.name == "opensfm" else [])]
+    return next((file for one in places if (file := one / "gcp_list.txt").is_file()), None)
 
 
 def _with_tie_sigma(project: Project) -> Project:

@@ -544,14 +544,15 @@ def _positions_of(photos: list[Metadata]) -> tuple[pd.DataFrame, str, list[str]]
         rows.append((photo.name, photo.lon_deg, photo.lat_deg, photo.height or 0.0, *sigma))
     if assumed:
         told = (
-            f"{assumed} of {len(rows)} positions come without a standard deviation: 3 m in plan "
+            f"{assumed} of {len(rows)} positions come without a standard deviation: 3 m "
+            "horizontally "
             "and 6 m in height were assumed where no RTK flag says better"
         )
     for flag, many in sorted((f, n) for f, n in poor.items() if n):
         what = "a float solution" if 32 <= flag <= 49 else _STATUS.get(flag, "which is not a fix")
         notes.append(
             f"{many} of {len(rows)} positions have RtkFlag {flag}, {what}: they count as good to "
-            f"{_ASSUMED[34 if 32 <= flag <= 49 else 16][0]:g} m in plan, whatever they state"
+            f"{_ASSUMED[34 if 32 <= flag <= 49 else 16][0]:g} m horizontally, whatever they state"
         )
     if without:
         notes.append(f"{without} positions have no height: 0 was taken")

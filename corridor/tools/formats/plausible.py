@@ -22,6 +22,8 @@ _BETTER = 20.0
 _NEAR_M = 5.0
 # Points this near to their rays are not suspected: coarse start poses are off by as much.
 _CLOSE_M = 10.0
+# Points on one spot, and how much wider they lie with what explains it: a degree is 1e5 m.
+_ONE_PLACE_M, _WIDER = 0.5, 1e3
 # A code receiver is not off by more horizontally; heights of drones are.
 _FAR_M = 100.0
 
@@ -103,7 +105,15 @@ def _of_rays(block, placed, met, given, crs, in_frame) -> str:
 def _of_reach(block, placed, centres, given, crs, in_frame) -> str:
     reach = _reach(block, centres)
     away = _beside(placed, centres)
+    wide = float(np.ptp(placed[:, :2], axis=0).max())
+    if away < reach and not (len(placed) > 1 and wide < _ONE_PLACE_M):
+        return ""
     if away < reach:
+        # Degrees taken for metres: nobody surveys several points on one spot.
+        for told, other in _slips(block, given, crs, in_frame):
+            spread = float(np.ptp(other[:, :2], axis=0).max())
+            if _beside(other, centres) < reach and spread > _WIDER * max(wide, 1e-9):
+                return f"{told} as metres all points lie within {_shown(wide)} of each other"
         return ""
     for told, other in _slips(block, given, crs, in_frame):
         left = _beside(other, centres)

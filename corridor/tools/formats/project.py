@@ -109,7 +109,8 @@ def rotations_to_columns(rotation: np.ndarray) -> np.ndarray:
         if np.abs(singular[row] - 1).max() <= 1e-3:
             row = int(np.argmax(np.linalg.det(rotation) < 0))
         raise ValueError(
-            f"the rotation of image {row + 1} of {len(rotation)} is none: its rows are no "
+            f"the rotation of image {row + 1} of {len(rotation)} is not a rotation: its rows "
+            "are not "
             "perpendicular unit vectors, right-handed"
         )
     return quaternion_from_rotation(u @ vt)
@@ -172,7 +173,9 @@ def _coded(codes, names):
     if not names.is_unique:
         where = names.duplicated()
         # Whoever reads the project says which file is at fault (`blaming`).
-        raise ValueError(f"two images or points are named {names[where][0]!r}")
+        raise InputError(
+            f"two images or points are named {names[where][0]!r}; give each a name of its own"
+        )
     return pd.Categorical.from_codes(np.asarray(codes, dtype=np.int32), names)
 
 

@@ -23,6 +23,7 @@ from corridor.tools.formats.rows import Rows, rows_of
 # Above this median the import is refused.
 MEDIAN_PX = 2.0
 LARGE_PX = 3.0
+_MOST_PX = 100_000
 # An observation this far off, and so much further than the others, is damaged rather than noisy.
 _GROSS_PX, _GROSS = 50.0, 30.0
 # So much better, in RMS of the better nine tenths and in log likelihood, makes an alternative.
@@ -54,9 +55,14 @@ class Residuals:
 
     def __str__(self) -> str:
         return (
-            f"median {self.median:.2f} px, RMS {self.rms:.2f} px, {100 * self.large:.1f} % above "
+            f"median {_px(self.median)}, RMS {_px(self.rms)}, {100 * self.large:.1f} % above "
             f"{LARGE_PX:g} px ({self.count:,} observations)"
         )
+
+
+def _px(length: float) -> str:
+    """A residual in words: no picture is so large that more than this says anything."""
+    return f"{length:,.2f} px" if length < _MOST_PX else f"more than {_MOST_PX:,} px"
 
 
 @brief

@@ -93,12 +93,6 @@ def _found(path: Path) -> tuple[str, Path, list[str]]:
     return form, place, [name for name, _ in others]
 
 
-def recognised(path: Path) -> tuple[str, Path]:
-    """Format and place of the project in a file or folder, unread. Raises InputError for none."""
-    form, place, _ = _found(path)
-    return form, place
-
-
 def format_names() -> dict[str, str]:
     """What each format is, by its name."""
     return {name: module.TITLE for name, module in formats().items()}

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from pathlib import Path
 
 from corridor.core.errors import InputError
 from corridor.core.photographs import photographs_in
 from corridor.core.textfile import opening
+from corridor.tools.formats.ground import is_gcp_list
 
 # Ending -> what it is and what to do. Sentences go on after `PATH is`.
 _ENDINGS = {
@@ -37,6 +39,9 @@ _ENDINGS = {
     ".nmea": "a receiver's NMEA log: its positions have no standard deviations; process the raw "
     "data, and give the track with --track",
 }
+_GROUND = "a list of ground points: name the project, and give the list with --ground"
+_PLAN = "a plan of a flight: `corridor plan PLAN` says how accurate it will be"
+_MOST_FILES = 2000  # of a folder are looked at
 _MODEL = {"cameras": ".txt or .bin", "images": ".txt or .bin", "points3D": ".txt or .bin"}
 
 
@@ -55,6 +60,10 @@ def strange(path: Path) -> str:
         return (
             "a trajectory of POSPac: give it with --track where it is text with time and positions"
         )
+    if ending == ".toml" and "[[flight]]" in opening(path):
+        return _PLAN
+    if is_gcp_list(head):
+        return _GROUND
     if ending in _ENDINGS:
         return _ENDINGS[ending]
     if ending in (".jpg", ".jpeg", ".tif", ".tiff", ".dng", ".png"):
@@ -63,7 +72,8 @@ def strange(path: Path) -> str:
 
 
 def _folder(path: Path) -> str:
-    names = {file.name for file in path.iterdir() if file.is_file()}
+    files = [file for file in islice(path.rglob("*"), _MOST_FILES) if file.is_file()]
+    names = {file.name for file in files}
     for home in (path, path / "sparse", path / "sparse" / "0"):
         inside = {file.name for file in home.iterdir()} if home.is_dir() else set()
         there = [key for key in _MODEL if {f"{key}.txt", f"{key}.bin"} & inside]
@@ -76,7 +86,7 @@ def _folder(path: Path) -> str:
         count = len(photographs_in(path))
     except InputError:
         count = 0
-    if count:
+    if count > 1:
         return (
             f"a folder of {count} photographs and no project: `corridor import photos {path} -o "
             "BLOCK` makes one from them"
@@ -86,6 +96,12 @@ def _folder(path: Path) -> str:
             "a folder of reference tables without a project: export the cameras of Metashape as "
             "XML (File > Export > Export Cameras), or name its .psx"
         )
+    plans = (file for file in files if file.suffix.lower() == ".toml")
+    if any("[[flight]]" in opening(file) for file in plans):
+        return f"a folder with {_PLAN}"
+    texts = sorted(file for file in files if file.suffix.lower() in (".csv", ".txt"))
+    if any(is_gcp_list(opening(file, 400)) for file in texts[:20]):
+        return f"a folder with {_GROUND}"
     endings = {Path(name).suffix.lower() for name in names}
     known = next((end for end in _ENDINGS if end in endings), None)
     return f"a folder with {known}: that is {_ENDINGS[known]}" if known else ""

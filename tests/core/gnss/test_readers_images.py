@@ -38,7 +38,10 @@ class TestTimeMarksOfDji:
     def test_a_mark_of_flag_0_has_a_time_but_no_position(self):
         assert self.marks.table["flag"].tolist() == [50, 34, 16, 0]
         assert self.marks.table["x"].isna().tolist() == [False, False, False, True]
-        for said in ("1 of 4 marks is no fix: flag 34, a float", "flag 16, a single position"):
+        for said in (
+            "1 of 4 marks is not an RTK fix: flag 34, a float",
+            "flag 16, a single position",
+        ):
             assert any(said in note for note in self.marks.notes)
 
     def test_numbers_find_their_images(self):

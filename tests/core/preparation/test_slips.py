@@ -24,7 +24,7 @@ def with_keys(block, of_block, of_camera):
 
 
 def unknown(block):
-    return [doubt for doubt in doubts(block) if "known to nobody" in doubt]
+    return [doubt for doubt in doubts(block) if "not known to corridor" in doubt]
 
 
 def test_keys_that_an_import_writes_are_not_called_unknown(dike):

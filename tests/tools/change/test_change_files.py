@@ -1,5 +1,6 @@
 """What is written is read back by programs that share no line with it."""
 
+import copy
 import json
 import sqlite3
 import struct
@@ -9,6 +10,7 @@ import pytest
 from made import flown
 
 import corridor
+from corridor.core.gnss import Local, in_world, local_table
 from corridor.tools.change import save
 
 
@@ -88,3 +90,30 @@ def test_the_raster_is_read_back_as_it_was_computed(saved):
 def test_las_knows_its_system(saved):
     laspy = pytest.importorskip("laspy")
     assert laspy.read(saved[1] / "change.las").header.parse_crs().to_epsg() == 32647
+
+
+def test_the_raster_of_a_local_frame_lies_on_the_map(saved, tmp_path):
+    """Each pixel has the value of the cell below it, in the system that the GeoPackage has too."""
+    rasterio = pytest.importorskip("rasterio")
+    found = copy.deepcopy(saved[0])
+    for adjustment in found.compared.adjustments:
+        block = adjustment.block
+        # 2 degrees east of the middle of its zone the axes are turned by 1.6 degrees.
+        block.crs, block.offset = None, np.zeros(3)
+        block.extra["local_frame"] = local_table(Local(53.5, 11.0, 0.0), "EPSG:25832")
+    save(found, tmp_path / "out")
+    surface = found.surface
+    block = found.compared.adjustments[0].block
+    places = in_world(block, surface.cores.xyz)
+    spacing = surface.cores.spacing
+    with rasterio.open(tmp_path / "out" / "change.tif") as raster:
+        assert raster.crs.to_epsg() == 25832 and raster.res == (spacing, spacing)
+        change = raster.read(1)
+        rows, columns = np.nonzero(np.isfinite(change))
+        centres = np.column_stack(rasterio.transform.xy(raster.transform, rows, columns))
+    away = np.linalg.norm(centres[:, None] - places[None, :, :2], axis=2)
+    np.testing.assert_array_equal(change[rows, columns], surface.distance[away.argmin(axis=1)])
+    assert away.min(axis=1).max() <= spacing / np.sqrt(2) * (1 + 1e-9)
+    # As many pixels as cells, but for the border.
+    assert abs(len(rows) - len(surface)) <= 0.2 * len(surface) + 4
+    assert len(np.unique(away.argmin(axis=1))) > 0.8 * len(surface)

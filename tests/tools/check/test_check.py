@@ -1,8 +1,10 @@
 """One command from a project to an answer, and what is taken back is what went in."""
 
 import json
+import re
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from corridor import cli
@@ -11,12 +13,16 @@ from corridor.core.block import read
 from corridor.core.gnss import Local, in_world, local_table, moved
 from corridor.core.preparation import doubts
 from corridor.core.simulation import Flight, Ground, Noise, Plan, simulate
+from corridor.tools import formats as interchange
 from corridor.tools.check import check_project, checking
+from corridor.tools.check.advice import ProgramSettings
+from corridor.tools.check.taking_back import proved, take_back
 from corridor.tools.formats import (
     Additions,
     export_project,
     import_project,
     prove,
+    read_adjusted,
     read_project,
 )
 
@@ -26,12 +32,22 @@ PLACE = Local(53.5, 8.2, 0.0)
 @pytest.fixture(scope="module")
 def block():
     """A short survey with noise, on Earth."""
-    plan = Plan(
+    made = simulate(_plan(), seed=1)
+    made.extra["local_frame"] = local_table(PLACE)
+    return made
+
+
+def _plan():
+    return Plan(
         "short", (Flight("F1", 50.0, images=12, strips=2),), axis_m=((0.0, 0.0), (0.0, 80.0)),
         ground=Ground(control=4, check=3),
         noise=Noise(tie_px=0.4, mark_px=0.4, gnss_m=(0.02, 0.02, 0.04), control_m=0.005),
     )  # fmt: skip
-    made = simulate(plan, seed=1)
+
+
+def _with_shutter():
+    """The same draw of noise as `block`, read out in 30 ms."""
+    made = simulate(_plan(), {"rolling_shutter": {"readout": 0.03}}, seed=1)
     made.extra["local_frame"] = local_table(PLACE)
     return made
 
@@ -40,7 +56,7 @@ def test_a_block_gets_an_answer_and_files(block, tmp_path):
     block.write(tmp_path / "block")
     checked = check_project(tmp_path / "block", tmp_path / "out", required=0.2, diagnose=False)
     assert checked.verdict == "good enough" and "Good enough" in checked.sentence
-    assert any(line.startswith("Free the camera parameters f") for line in checked.settings)
+    assert any(line.startswith("Free the parameters of the camera: f") for line in checked.settings)
     content = json.loads((tmp_path / "out" / "check.json").read_text())
     assert content["verdict"] == "good enough" and content["take_back"]["files"]
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
@@ -91,6 +107,58 @@ def test_what_was_done_is_kept_and_the_same_call_goes_on(block, tmp_path, monkey
         progress=lambda step: said.append(str(step)),
     )
     assert any(line.startswith("adjusting") for line in said)
+
+
+def test_every_file_that_is_taken_back_is_imported_again(block, tmp_path):
+    """Camera, positions with a sigma an axis, control and marks: to the digits they are written."""
+    grid = moved(block, "EPSG:25832")
+    grid.write(tmp_path / "grid")
+    checked = check_project(tmp_path / "grid", tmp_path / "out", diagnose=False)
+    proof = checked.taken_back.proof
+    assert "camera.toml read again: the same in every parameter" in proof
+    ground = r" imported again: 7 points, the same to (\S+) m, \d+ marks, the same to (\S+) px"
+    for pattern in (
+        r"positions.csv read again: 12 positions, the same to (\S+) m, standard deviations the ",
+        rf"ground.csv{ground}",
+        rf"gcp_list.txt{ground}",
+    ):
+        found = re.search(pattern, proof)
+        assert found and all(float(number) <= 1e-3 for number in found.groups()), proof
+    # As a program reads them: UTM, one sigma an axis.
+    table = pd.read_csv(tmp_path / "out" / "take_back" / "positions.csv")
+    assert abs(table["x"] - 500_000).max() < 100_000 and {"sx", "sy", "sz"} <= set(table)
+
+
+def test_a_file_that_is_not_what_was_written_is_told(block, tmp_path):
+    """The proof reads the files: what is wrong in them shows."""
+    block.write(tmp_path / "block")
+    checked = check_project(tmp_path / "block", tmp_path / "out", diagnose=False)
+    folder = tmp_path / "out" / "take_back"
+    measured, _ = read_adjusted(tmp_path / "out" / "adjusted")
+    for name, column in (("positions.csv", "x"), ("ground.csv", "z"), ("marks.csv", "x")):
+        table = pd.read_csv(folder / name)
+        table[column] += 0.25
+        table.to_csv(folder / name, index=False)
+    told = proved(folder, measured, "", interchange)
+    assert told.count("0.2 m") + told.count("0.3 m") == 2 and re.search(r"0\.[23] px", told), told
+    assert "0.2" not in checked.taken_back.proof
+
+
+def test_marks_are_taken_back_without_the_effect_that_was_found(block, tmp_path):
+    """Marks of pictures with a rolling shutter come out as a camera without one would have them."""
+    skewed = _with_shutter()
+    adjusted = adjust(skewed, effects=["rolling_shutter"])
+    adjusted.save(tmp_path / "adjusted")
+    settings = ProgramSettings.of(adjusted.to_dict(), None, skewed)
+    take_back(tmp_path / "adjusted", tmp_path / "back", "block", settings)
+    marks = pd.read_csv(tmp_path / "back" / "marks.csv", dtype={"point": str})
+    keys = ["point", "image"]
+    both = marks.merge(skewed.marks.astype(dict.fromkeys(keys, str)), on=keys, suffixes=("", "_as"))
+    both = both.merge(block.marks.astype(dict.fromkeys(keys, str)), on=keys, suffixes=("", "_true"))
+    moved_px = np.hypot(both["x"] - both["x_as"], both["y"] - both["y_as"])
+    left_px = np.hypot(both["x"] - both["x_true"], both["y"] - both["y_true"])
+    # Half a picture's readout at that speed is some pixels; what is left is the readout's sigma.
+    assert moved_px.max() > 1.0 and left_px.max() < 0.25 * moved_px.max()
 
 
 def test_a_metashape_project_takes_back_what_imports_again(block, tmp_path):

@@ -88,7 +88,7 @@ def test_control_in_another_place_is_refused_with_both_numbers(surveyed):
     gnss = block.images[["image", "x", "y", "z"]].assign(sx=3.0, sy=3.0, sz=6.0)
     block.ground.assign(x=block.ground["x"] + 6.8e6).to_csv(home / "ground.csv", index=False)
     project = Project("photos", Path("x"), replace(bare, gnss=gnss, crs="EPSG:32632"))
-    with pytest.raises(InputError, match=r"6,800,000\.0 m in plan and [-+]0\.0 m in height"):
+    with pytest.raises(InputError, match=r"6,800,000\.0 m horizontally and [-+]0\.0 m vertically"):
         add_ground(project, home / "ground.csv")
 
 

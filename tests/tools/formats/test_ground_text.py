@@ -5,7 +5,14 @@ import pytest
 
 from corridor.core.errors import InputError
 from corridor.core.gnss import Local, local_table, moved
-from corridor.tools.formats import Additions, add_ground, complete, read_gcp_list
+from corridor.tools.formats import (
+    Additions,
+    add_ground,
+    complete,
+    export_project,
+    import_project,
+    read_gcp_list,
+)
 from corridor.tools.formats.ground import read_ground
 from corridor.tools.formats.ground_text import read_text, role_of
 from corridor.tools.formats.names import Names
@@ -91,7 +98,7 @@ WRONG = {
     "a zone before the easting": (
         ("", ("{p}", "32{e:.4f}", "{n:.4f}", "{h:.4f}")), UTM, "number of the zone",
     ),
-    "another zone": (("", PENZ), "EPSG:25835", "m in plan|outside the area"),
+    "another zone": (("", PENZ), "EPSG:25835", "m horizontally|outside the area"),
     "unknown words": (("name,alpha,beta,gamma", PENZ), UTM, "does not name the coordinates"),
     "no height": (("name,easting,northing", PENZ[:3]), UTM, "does not name the coordinates"),
     "two eastings": (("name,x,easting,z", PENZ), UTM, "two columns"),
@@ -140,6 +147,28 @@ def test_points_far_away_are_noticed_without_marks(tmp_path):
     path.write_text("\n".join(["name,lat,lon,h", *rows]) + "\n")
     with pytest.raises(InputError, match="latitude and longitude are exchanged"):
         add_ground(project, path)
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_degrees_taken_for_metres_beside_the_origin_are_noticed(tmp_path, swapped):
+    """49.01, 8.55 lies 50 m from the origin of a local frame, too; but all are on one spot."""
+    project = placed()
+    names = ["A1", "A2", "A3"]
+    ground = project.block.ground[["x", "y", "z"]].to_numpy(float)[:3]
+    lon, lat, height = PLACE.to_geographic(ground).T
+    first, second = (lon, lat) if swapped else (lat, lon)
+    rows = zip(names, first, second, height, strict=True)
+    text = "".join(f"{n},{a:.8f},{b:.8f},{h:.3f}\n" for n, a, b, h in rows)
+    (tmp_path / "points.csv").write_text(text)
+    with pytest.raises(InputError, match="the coordinates are l.*within .* m of each other"):
+        add_ground(project, tmp_path / "points.csv")
+
+
+def test_a_list_of_control_beside_a_project_is_named(tmp_path):
+    export_project(placed().block, "opensfm", tmp_path / "odm" / "opensfm", lossy=True)
+    (tmp_path / "odm" / "gcp_list.txt").write_text("EPSG:25832\n1 2 3 4 5 a.jpg\n")
+    made = import_project(tmp_path / "odm" / "opensfm", "auto", tmp_path / "block")
+    assert any("give it with --ground" in told for told in made.project.warnings)
 
 
 def test_names_with_blanks_and_sigmas_and_roles_are_kept(tmp_path):

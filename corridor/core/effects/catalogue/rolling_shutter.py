@@ -110,7 +110,7 @@ def readout_doubts(block, found):
         stated = {camera.readout_s for camera in mine} - {None}
         known = stated.pop() if len(stated) == 1 else None
         off = abs(row.value - (known or 0.0))
-        if row.value < 0:
+        if row.value < -2 * row.sigma:
             out.append(
                 f"A readout of {value} is negative: the rows run the other way (row_direction in "
                 "block.toml), or this value is not reliable, because speed and flight direction "

@@ -70,7 +70,7 @@ def read(path: Path) -> Exposures:
         number, seconds, week, *rest = match.groups()
         if int(week) < 1024 or float(seconds) > 604800:
             raise InputError(
-                f"{path.name}, row {row}: second {seconds} of GPS week {week} is no time of a "
+                f"{path.name}, row {row}: second {seconds} of GPS week {week} is not a time of a "
                 "drone flight; correct the week, counted from 1980, or delete the row"
             )
         numbers.append(int(number))
@@ -90,7 +90,8 @@ def read(path: Path) -> Exposures:
     for flag, many in table["flag"].value_counts().sort_index().items():
         if flag not in (0, _FIXED):
             notes.append(
-                f"{path.name}: the on-board position of {many} of {len(table)} marks is no fix: "
+                f"{path.name}: the on-board position of {many} of {len(table)} marks is not an "
+                "RTK fix: "
                 f"flag {flag}, {status(flag)}; take positions from a processed track"
             )
     order = ["number", "time_s", "x", "y", "z", "sx", "sy", "sz", "flag"]

@@ -389,11 +389,13 @@ def _of_noise(found, stated, slow_share):
         where = f"piece {row.segment + 1}, {row.group}"
         if not stated:
             notes.append(
-                f"{where}: the track states no sigmas; its scatter says {1000 * row.sigma_m:.1f} mm"
+                f"{where}: the track states no standard deviations; its scatter gives "
+                f"{1000 * row.sigma_m:.1f} mm"
             )
         if slow_share is None and row.slow >= 0.5:
             notes.append(
-                f"{where}: {100 * row.slow:.0f} % of the stated variance is taken as slow: "
+                f"{where}: {100 * row.slow:.0f} % of the stated variance is taken as correlated "
+                "in time: "
                 "neighbouring epochs share it, and more epochs do not make it smaller"
             )
     return notes

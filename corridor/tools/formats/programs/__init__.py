@@ -5,13 +5,14 @@ a module like these.
 
 A format has NAME, TITLE, `recognise(path)`, `read(path, size)`; one that writes has WRITES (the
 names it is exported by), HOLDS (the camera it holds), LOSSES (what else it cannot hold, and where
-that went instead, by what a block has: the names of `exporting`) and `write(block, folder, name)`.
+that went instead, by what a block has: the names of `exporting`) and `write(block, folder, name)`;
+GRIDS = False where its coordinates are never those of a grid.
 """
 
 import importlib
 import pkgutil
 import warnings
-from collections.abc import Container, Iterator
+from collections.abc import Container, Iterable, Iterator
 from functools import lru_cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -50,19 +51,35 @@ def writers() -> dict[str, ModuleType]:
     return {name: module for module in formats().values() for name in getattr(module, "WRITES", ())}
 
 
+# Files that are looked into in a folder that is no project, and how many of them.
+_TEXTS = frozenset((".txt", ".json", ".sfm", ".xml", ".out", ".nvm", ".bal", ".gz", ".bz2"))
+_MOST_FILES = 100
+
+
+def _recognised(places: Iterable[Path]) -> list[tuple[str, Path]]:
+    return [
+        (name, place)
+        for place in places
+        for name, module in formats().items()
+        if module.recognise(place)
+    ]
+
+
 def candidates(path: Path, deep: int = 3) -> list[tuple[str, Path]]:
     """Names and places of the formats that recognise a file or folder, else its subfolders.
 
-    The nearest places count; deeper ones are looked at only where nothing was found before.
+    The nearest places count; deeper ones are looked at only where nothing was found before. In a
+    folder that is no project the files may be.
     """
     level = [path]
     for _ in range(deep + 1):
-        found = [
-            (name, place)
+        found = _recognised(level) or _recognised(
+            file
             for place in level
-            for name, module in formats().items()
-            if module.recognise(place)
-        ]
+            if place.is_dir()
+            for file in sorted(place.iterdir())[:_MOST_FILES]
+            if file.suffix.lower() in _TEXTS and file.is_file()
+        )
         if found or not path.is_dir():
             return found
         level = sorted(

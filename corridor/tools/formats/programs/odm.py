@@ -45,7 +45,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     if not shots:
         raise InputError(f"{main.name} holds no shots; export the project again")
     shots = [shot.at("properties") if shot.get("properties") else shot for shot in shots]
-    notes.append("OpenDroneMap's results hold no tie points; its folder opensfm/ does")
+    warnings = ["OpenDroneMap's results hold no tie points; name the project's folder opensfm/"]
     return Pieces(
         name=home.resolve().name,
         cameras=cameras,
@@ -55,6 +55,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         rotation=rotation_from_vector(np.array([shot.numbers("rotation", 3) for shot in shots])),
         crs=_crs(home),
         notes=notes,
+        warnings=warnings,
     ).project(NAME, main)
 
 

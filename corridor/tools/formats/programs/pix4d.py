@@ -17,8 +17,10 @@ import pandas as pd
 
 from corridor.core.errors import InputError
 from corridor.core.geometry import quaternion_from_rotation, rotation_from_angles
+from corridor.core.gnss import known_crs
 from corridor.core.textfile import Line, filled, opening
 from corridor.tools.formats.cameras import camera_from, in_the_middle, shared
+from corridor.tools.formats.programs.bingo import image_blocks
 from corridor.tools.formats.project import Pieces, Project, Views, ground_table
 
 NAME = "pix4d"
@@ -83,6 +85,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         ground=_ground(folder / f"{prefix}measured_estimated_gcps_position.txt", offset),
         gnss=_gnss(folder / f"{prefix}{_EXTERNAL[:-4]}_error.txt", names, offset, notes),
         offset=offset,
+        crs=_crs(folder / f"{prefix}wkt.prj"),
         notes=notes,
         warnings=warnings,
     ).project(NAME, main)
@@ -171,6 +174,18 @@ def _offset(path, notes):
     raise InputError(f"{path.name} is empty; export the project again")
 
 
+def _crs(path):
+    """The system of the world: the EPSG code of its text, or the text; None without the file."""
+    if not path.is_file():
+        return None
+    text = opening(path, 20_000).strip()
+    system = known_crs(text)
+    if not system.is_projected:
+        return None
+    code = system.to_epsg()
+    return text if code is None else f"EPSG:{code}"
+
+
 def _external(path):
     """name -> centre (3,), omega, phi, kappa (degrees)."""
     found = {}
@@ -251,22 +266,16 @@ def _bingo(path, names, used, cameras, notes):
     for k, name in enumerate(names):
         stems.setdefault(name, k)
         stems.setdefault(name.rpartition(".")[0] or name, k)
-    rows, lost, width, image = [], 0, None, None
-    for line in filled(path):
-        if line.text.split() == ["-99"]:
-            width = None
-        elif width is None:
-            image, width = _bingo_head(line, stems)
-            lost += image is None
-        else:
+    rows, lost = [], 0
+    for head, points in image_blocks(path):
+        image, width = _bingo_head(head, stems)
+        lost += image is None
+        for line in points if image is not None else ():
             name, *xy = line.words(3, "a tie point")
-            if image is not None:
-                camera = cameras[used[image]]
-                x, y = line.numbers(xy, "a tie point") * camera.width / width
-                cx, cy = in_the_middle(camera.width, camera.height)
-                rows.append((name, image, cx + x, cy - y))
-    if width is not None:
-        raise InputError(f"{path.name} ends without -99 after the last image; it is cut off")
+            camera = cameras[used[image]]
+            x, y = line.numbers(xy, "a tie point") * camera.width / width
+            cx, cy = in_the_middle(camera.width, camera.height)
+            rows.append((name, image, cx + x, cy - y))
     if lost:
         notes.append(f"{path.name}: {lost} images are not among the calibrated ones: left out")
     return Views.of(rows, "tie points")
@@ -283,5 +292,5 @@ def _bingo_head(line: Line, stems: dict[str, int]) -> tuple[int | None, float]:
         )
     width = line.number(sides[1], "the width in mm")
     if width <= 0:
-        raise line.wrong(f"the width {width:g} mm is none")
+        raise line.wrong(f"the width is {width:g} mm; write the width of the picture in mm")
     return stems.get(name.strip()), width

@@ -10,6 +10,8 @@ examples:
       with an effect whose values are known
   corridor export bundler BLOCK -o PROJECT --lossy
       what Bundler cannot hold is dropped; the list of it is printed and written beside
+  corridor export metashape OUT -o PROJECT --to-crs EPSG:25832
+      in coordinates of a grid, point by point through PROJ
 
 What the target cannot hold (b2 in COLMAP and OpenSfM, lever arms, effects) is always said. Without
 --corrected or --lossy an export that would lose a camera parameter or an effect is refused. GNSS
@@ -34,6 +36,7 @@ OPTIONS = {
     ),
     "--corrected": flag("correct the measurements to what the target holds", one_of="at most"),
     "--lossy": flag("drop what the target cannot hold, and say so", one_of="at most"),
+    "--to-crs": option("convert the coordinates to this grid in metres, as EPSG:25832", "CRS"),
 }
 
 
@@ -51,6 +54,7 @@ def run(options: argparse.Namespace) -> None:
         effects=effects,
         corrected=options.corrected,
         lossy=options.lossy,
+        to_crs=options.to_crs,
         progress=say,
     )
     print(made)

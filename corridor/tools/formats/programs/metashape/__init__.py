@@ -15,7 +15,7 @@ Source: Agisoft Metashape manual, appendix "Camera models"; the rest as found on
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -217,6 +217,10 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         chunk, cloud = read_archive(path, notes)
     else:
         chunk, cloud = _together(path, notes, warnings), None
+        warnings.append(
+            "XML that Metashape exports has no tie points: name the .psx, with its .files folder "
+            "beside it, or export the cameras as Blocks Exchange with tie points"
+        )
     notes += dict.fromkeys(chunk.notes)
     return _project(chunk, cloud, path, notes, warnings)
 
@@ -339,7 +343,17 @@ def _camera(sensor, name, notes):
         y = v * radial + (p2 * (r2 + 2 * v * v) + 2 * p1 * u * v) * more
         return np.column_stack([cx + f * x + b1 * x + b2 * y, cy + f * y])
 
-    return standing_for(camera, project, notes)
+    return _as_stated(sensor, standing_for(camera, project, notes), notes)
+
+
+def _as_stated(sensor, camera, notes):
+    """The camera, held where the project holds its calibration (the box `Fixed`)."""
+    told = {part.get("name"): part.get("value", "") for part in sensor.all("property")}
+    fixed = told.get("fixed", "") or told.get("fixed_calibration", "")
+    if fixed.lower() not in ("true", "1"):
+        return camera
+    notes.append(f"camera {camera.name}: its calibration is fixed in the project, and is held")
+    return replace(camera, calibrated=True)
 
 
 def _stated(sensor, name):

@@ -10,21 +10,27 @@ import pandas as pd
 
 from corridor.core.block import Block
 from corridor.core.geometry import rotation_from_quaternion
-from corridor.core.gnss import GEOCENTRIC, GEOGRAPHIC, convert, local_of
+from corridor.core.gnss import (
+    GEOCENTRIC,
+    GEOGRAPHIC,
+    about_the_middle,
+    convert,
+    known_crs,
+    local_of,
+    moved,
+)
 from corridor.core.textfile import add_xml, write_xml
 from corridor.tools.formats.cameras import in_the_middle
 from corridor.tools.formats.rows import camera_positions
 
-_WGS84 = (
-    'GEOGCS["WGS 84",DATUM["World Geodetic System 1984",SPHEROID["WGS 84",6378137,'
-    '298.257223563]],PRIMEM["Greenwich",0],UNIT["degree",0.01745329251994328],'
-    'AUTHORITY["EPSG","4326"]]'
-)
 _LOCAL = 'LOCAL_CS["Local Coordinates (m)",LOCAL_DATUM["Local Datum",0],UNIT["metre",1]]'
 
 
 def write(block: Block, folder: Path, name: str) -> None:
     """Write cameras.xml (poses and references), markers.xml and calibration_NAME.xml."""
+    if block.crs is not None and local_of(block) is None:
+        # The transform of a chunk that has a system is geocentric: a grid has none.
+        block = moved(block, about_the_middle(block), block.crs)
     frame = _Frame(block)
     write_xml(_cameras_xml(block, frame), folder / "cameras.xml")
     if len(block.marks) or len(block.ground):
@@ -39,11 +45,17 @@ def write(block: Block, folder: Path, name: str) -> None:
 
 
 class _Frame:
-    """The system that is written: latitude and longitude where the block has a place on Earth."""
+    """The system that is written: the one that the block's results are given in, else latitude and
+    longitude where it has a place on Earth."""
 
     def __init__(self, block: Block):
         self.local = local_of(block)
-        self.wkt = _WGS84 if self.local else _LOCAL
+        self.crs = block.extra["local_frame"].get("crs", GEOGRAPHIC) if self.local else None
+        self.wkt = _LOCAL
+        if self.crs is not None:
+            system = known_crs(self.crs)
+            flat = system if system.is_compound else system.to_2d()
+            self.wkt = flat.to_wkt("WKT1_GDAL")
         self.turn, self.shift = np.eye(3), block.offset
         if self.local:
             self.turn = self.local.rotation().T
@@ -54,7 +66,11 @@ class _Frame:
     def reference(self, parent, place, sigma, enabled: bool) -> None:
         """Add the reference of a measured place (3,), sigma (3,)."""
         place = np.asarray(place, dtype=float)[None]
-        x, y, z = (self.local.to_geographic(place) if self.local else place + self.shift)[0]
+        if self.local is None:
+            place = place + self.shift
+        else:
+            place = self.local.to_crs(place, self.crs)
+        x, y, z = place[0]
         sigma = "/".join(repr(float(value)) for value in sigma)
         on = "true" if enabled else "false"
         add_xml(parent, "reference", x=x, y=y, z=z, sxyz=sigma, enabled=on)

@@ -31,6 +31,8 @@ NAME = "opensfm"
 TITLE = "OpenSfM, or OpenDroneMap's opensfm folder"
 WRITES = ("opensfm",)
 HOLDS = Held(("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2"), pinhole=("b1",))
+# Its world is east, north, up about the place of reference_lla: no grid.
+GRIDS = False
 LOSSES = {
     "GNSS": "lever arms: gps_position is the camera centre that GNSS gives",
     "ground without place": (

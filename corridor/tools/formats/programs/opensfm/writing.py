@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from corridor.core.block import Block
 from corridor.core.errors import InputError
-from corridor.core.gnss import local_of
+from corridor.core.gnss import about_the_middle, local_of, moved
 from corridor.tools.formats.cameras import in_the_middle
 from corridor.tools.formats.columns import numbered, text_of, write_rows
 from corridor.tools.formats.rows import camera_positions, rows_of
@@ -25,6 +25,8 @@ WIDTH = {0: 8, 1: 9, 2: 11}
 
 def write(block: Block, folder: Path, name: str) -> None:
     """Write reconstruction.json, tracks.csv, reference_lla.json, ground_control_points.json."""
+    if block.crs is not None and local_of(block) is None:
+        block = moved(block, about_the_middle(block), block.crs)
     rows = rows_of(block)
     shots = {}
     positions = camera_positions(block).set_index("image")

@@ -1,0 +1,235 @@
+"""Image coordinates of PATB and BINGO, with poses, as text: a folder with convention.toml.
+
+Such text states neither unit, origin nor angles: the file convention.toml beside it does.
+
+[measurements]
+file = "image.dat"          # an image and its camera or focal length; lines of point x y; -99
+unit = "mm"                 # mm, um or px
+origin = "principal point"  # or "centre", "corner", "pixel" (middle of the first) of the picture
+y = "up"                    # or "down"
+[poses]
+file = "poses.txt"          # image, x, y, z, then three angles or nine numbers a line
+angles = "omega phi kappa"  # or "phi omega kappa", "matrix to ground", "matrix to image"
+unit = "deg"                # deg, gon or rad
+crs = "EPSG:32647"          # optional
+[camera.NAME]               # as in block.toml (f in px; pixel_um where the unit is mm or um)
+images = "X*"               # which images it took, where there are several cameras
+
+The first angle turns first: R = Rx(omega) Ry(phi) Rz(kappa), or Ry(phi) Rx(omega) Rz(kappa), from
+the image (x right, y up, z back) to the ground; matrices are written row by row. Measurements are
+as measured, with distortion. Control comes with --ground: measurements of its points become marks.
+
+Source: angles and frames, Kraus 2007; layout of the image coordinates as real
+Pix4D exports for BINGO have it. What a file means is proved by reprojection.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from corridor.core.camera import Camera
+from corridor.core.errors import InputError, did_you_mean
+from corridor.core.gnss import in_metres
+from corridor.core.textfile import Line, filled
+from corridor.tools.formats.cameras import in_the_middle
+from corridor.tools.formats.names import Names
+from corridor.tools.formats.project import Pieces, Project, Views
+
+NAME = "bingo"
+TITLE = "PATB or BINGO text with convention.toml"
+
+CONVENTION = "convention.toml"
+END = "-99"
+_FLIP = np.diag([1.0, -1.0, -1.0])
+# Keys of the two tables with their values; None: any text.
+_UNITS = {"mm": 1000.0, "um": 1.0, "px": None}
+_TURNS = {"deg": 1.0, "gon": 0.9, "rad": 180.0 / np.pi}
+_ANGLES = {"omega phi kappa": "XYZ", "phi omega kappa": "YXZ"}
+_KEYS = {
+    "measurements": {
+        "file": None,
+        "unit": tuple(_UNITS),
+        "origin": ("principal point", "centre", "corner", "pixel"),
+        "y": ("up", "down"),
+    },
+    "poses": {
+        "file": None,
+        "angles": (*_ANGLES, "matrix to ground", "matrix to image"),
+        "unit": tuple(_TURNS),
+    },
+}
+
+
+def recognise(path: Path) -> bool:
+    """A folder with convention.toml, or that file."""
+    return path.name == CONVENTION if path.is_file() else (path / CONVENTION).is_file()
+
+
+def read(path: Path, size: tuple[int, int] | None = None) -> Project:
+    """The project of a folder. Raises InputError naming file and line."""
+    folder = path if path.is_dir() else path.parent
+    table = _convention(folder / CONVENTION)
+    measured, posed = table["measurements"], table["poses"]
+    poses = _poses(folder / posed["file"], posed)
+    names = list(poses)
+    cameras = {name: Camera.from_table(name, one) for name, one in table["camera"].items()}
+    used = [_camera_of(name, table["images"]) for name in names]
+    notes, warnings = [], []
+    crs = posed.get("crs")
+    if crs is not None:
+        in_metres(crs)
+    return Pieces(
+        name=folder.resolve().name,
+        cameras=cameras,
+        images=names,
+        used=used,
+        centre=np.array([centre for centre, _ in poses.values()]),
+        rotation=np.array([rotation for _, rotation in poses.values()]),
+        ties=_views(folder / measured["file"], measured, names, used, cameras, notes),
+        crs=crs,
+        notes=notes,
+        warnings=warnings,
+    ).project(NAME, folder)
+
+
+def _convention(path: Path) -> dict:
+    """The tables of the file, checked; `images`: the patterns of the cameras, taken out of them."""
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path.name} cannot be read ({error}); write it as TOML") from None
+    for name, keys in _KEYS.items():
+        part = table.get(name)
+        if not isinstance(part, dict):
+            raise InputError(f"{path.name} has no table [{name}]; add {', '.join(keys)} there")
+        if str(part.get("angles")).startswith("matrix"):
+            part.setdefault("unit", "deg")
+        for key, allowed in keys.items():
+            value = part.get(key)
+            if not isinstance(value, str) or (allowed and value not in allowed):
+                which = " or ".join(f'"{one}"' for one in allowed) if allowed else "a file's name"
+                near = did_you_mean(str(value), allowed) if allowed and value else ""
+                raise InputError(
+                    f"{path.name}: [{name}] {key} is {value!r}; write {which}{near}"
+                    if value is not None
+                    else f"{path.name}: [{name}] has no {key}; write {which}"
+                )
+    cameras = table.get("camera")
+    if not isinstance(cameras, dict) or not all(isinstance(one, dict) for one in cameras.values()):
+        raise InputError(f"{path.name} has no table [camera.NAME]; add one with width, height, f")
+    table["images"] = {name: str(one.pop("images", "*")) for name, one in cameras.items()}
+    if _UNITS[table["measurements"]["unit"]]:
+        for name, one in cameras.items():
+            if "pixel_um" not in one:
+                raise InputError(
+                    f"{path.name}: [camera.{name}] has no pixel_um, which measurements in "
+                    f"{table['measurements']['unit']} need; add the size of a pixel"
+                )
+    return table
+
+
+def _camera_of(image: str, patterns: dict[str, str]) -> str:
+    found = [name for name, pattern in patterns.items() if fnmatchcase(image, pattern)]
+    if len(found) != 1:
+        which = f"are {' and '.join(found)}" if found else "is not named"
+        raise InputError(
+            f"{CONVENTION}: the camera of image {image} {which}; give each [camera.NAME] its "
+            'images = "PATTERN"'
+        )
+    return found[0]
+
+
+def _poses(path: Path, posed: dict) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Image -> centre (3,) and rotation (3, 3), world to camera."""
+    order = _ANGLES.get(posed["angles"])
+    count = 6 if order else 12
+    found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+    for line in filled(path, "#"):
+        words = line.text.replace(",", " ").split()
+        if not found and len(words) > 1 and not _is_number(words[1]):
+            continue  # a header
+        if len(words) < count + 1:
+            raise line.wrong(f"{len(words)} words where an image and {count} numbers belong")
+        values = line.numbers(words[1 : count + 1], "the pose")
+        if words[0] in found:
+            raise line.wrong(f"image {words[0]!r} stands there twice")
+        if order:
+            angles = values[3:] * _TURNS[posed["unit"]]
+            turned = Rotation.from_euler(order, angles, degrees=True).as_matrix()
+        else:
+            turned = values[3:].reshape(3, 3)
+            turned = turned if posed["angles"].endswith("ground") else turned.T
+        found[words[0]] = values[:3], _FLIP @ turned.T
+    if not found:
+        raise InputError(f"{path.name} holds no pose; write image, x, y, z and angles a line")
+    return found
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
+def _views(path, measured, names, used, cameras, notes) -> Views | None:
+    known, rows, lost = Names(names), [], 0
+    up = -1.0 if measured["y"] == "up" else 1.0
+    for head, points in image_blocks(path):
+        image = _image_of(head, known)
+        lost += image is None
+        if image is None:
+            continue
+        camera = cameras[used[image]]
+        unit = _UNITS[measured["unit"]]
+        scale = 1.0 if unit is None else unit / camera.pixel_um
+        origin = {
+            "principal point": camera.interior[1:3],
+            "centre": in_the_middle(camera.width, camera.height),
+            "corner": (-0.5, -0.5 if up > 0 else camera.height - 0.5),
+            "pixel": (0.0, 0.0 if up > 0 else camera.height - 1.0),
+        }[measured["origin"]]
+        for line in points:
+            name, x, y, *_ = line.text.replace(",", " ").split() + [""] * 2
+            x, y = line.numbers([x, y], "a measurement") * scale
+            rows.append((name, image, origin[0] + x, origin[1] + up * y))
+    if lost:
+        notes.append(f"{path.name}: {lost} images have no pose: left out")
+    notes += known.told(path.name)
+    return Views.of(rows, "tie points")
+
+
+def _image_of(head: Line, known: Names) -> int | None:
+    """The row of the image that a line begins; its camera or focal length may follow the name."""
+    words = head.text.split()
+    for count in range(len(words), 0, -1):
+        row = known.row(" ".join(words[:count]))
+        if row is not None:
+            return row
+    return None
+
+
+def image_blocks(path: Path) -> Iterator[tuple[Line, list[Line]]]:
+    """The line that names an image, and those of its points, up to the next -99.
+
+    Raises InputError where the file ends without one.
+    """
+    head, points = None, []
+    for line in filled(path):
+        if line.text.split() == [END]:
+            if head is not None:
+                yield head, points
+            head, points = None, []
+        elif head is None:
+            head = line
+        else:
+            points.append(line)
+    if head is not None:
+        raise InputError(f"{path.name} ends without {END} after the last image; it is cut off")
