@@ -56,7 +56,7 @@ def assemble(source):
 
     shutil.copytree(DOCS / "pages", source)
     shutil.copytree(DOCS / "_static", source / "_static")
-    for name in ("sources.md", "guarantees.md"):
+    for name in ("sources.md", "guarantees.md", "digits.md"):
         shutil.copy(DOCS / name, source / name)
     chapters = source / "notebooks"
     shutil.copytree(ROOT / "notebooks" / "images", chapters / "images")

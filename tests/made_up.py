@@ -168,7 +168,9 @@ def adjustment(block, effects=(), seed=5, **changes):
         "variance_components": pd.DataFrame(
             columns=["kind", "part", "flight", "count", "redundancy", "sigma0", "p"]
         ),
+        "distances": pd.DataFrame(),
         "reliability": SimpleNamespace(
+            whole=False,
             summary=pd.DataFrame(columns=["largest_w"]), to_dict=dict, to_frame=pd.DataFrame
         ),
     }  # fmt: skip

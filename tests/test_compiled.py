@@ -142,3 +142,27 @@ def test_a_cache_that_names_a_notebooks_types_is_begun_anew(tmp_path, monkeypatc
     script = f"{OF_A_NOTEBOOK}import kernel; print(kernel.first(Pair(3.0)))"
     assert printed(tmp_path, script) == "3.0"
     assert b"ours" not in kept[0].read_bytes()
+
+
+def test_an_option_that_numba_has_no_longer_is_left_out_and_told(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    gone = "from numba.core.cpu import CPUTargetOptions as known\n"
+    gone += "del next(one for one in known.__mro__ if '_nrt' in vars(one))._nrt\n"
+    gone += "import warnings; warnings.simplefilter('always')\n"
+    run = subprocess.run(
+        [sys.executable, "-c", gone + PIXEL], cwd=Path(corridor.__file__).parents[1],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    assert float(run.stdout) == 625.0
+    assert run.stderr.count("has no option _nrt: what is compiled is slower; install numba") == 1
+
+
+def test_without_numba_one_sentence_says_what_to_install(tmp_path):
+    script = "import sys; sys.modules['numba'] = None\nfrom corridor.interface.cli import main\n"
+    script += f"sys.exit(main(['adjust', 'data_synthetic/dike', '-o', {str(tmp_path / 'o')!r}]))"
+    run = subprocess.run(
+        [sys.executable, "-c", script], cwd=Path(corridor.__file__).parents[1],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert run.returncode == 1 and "Traceback" not in run.stderr
+    assert "numba cannot be loaded" in run.stderr and "install numba 0.64 to 0.68" in run.stderr

@@ -124,6 +124,11 @@ def flight(plan: Path) -> Block:
     for table, mine in (("tie_points", pixels[:first]), ("marks", pixels[first:])):
         frame = getattr(block, table)
         setattr(block, table, frame.assign(x=mine[:, 0], y=mine[:, 1]))
+    camera = next(iter(block.cameras.values()))
+    for table in ("tie_points", "marks"):
+        frame = getattr(block, table)
+        inside = frame["x"].between(0, camera.width - 1) & frame["y"].between(0, camera.height - 1)
+        setattr(block, table, frame[inside].reset_index(drop=True))
     pose = block.poses
     at = block.image_rows("gnss")
     places = pose[at, :3] + [0.01, 0.01, 0.02] * rng.standard_normal((len(at), 3))
@@ -168,6 +173,7 @@ def _blocks(home: Path, block: Block, grid: Block) -> None:
     bare.write(home / "no_poses")
     for name, change in (
         ("folders", lambda b: _everywhere(b, lambda n: f"100MEDIA\\{n}")),
+        ("slashes", lambda b: _everywhere(b, lambda n: f"100MEDIA/{n}")),
         ("geoid_gnss", lambda b: b.put("gnss", "z", b.numbers("gnss", "z") - GEOID_M)),
         ("feet", lambda b: b.put("ground", "xyz", b.numbers("ground", *"xyz") / 0.3048)),
         ("far_ground", lambda b: b.put("ground", "xyz", b.numbers("ground", *"xyz") + 5.4e6)),
@@ -389,8 +395,8 @@ def _ground(home: Path, block: Block, grid: Block) -> None:
 def _gcp_lists(home, grid, utm, degrees, names) -> None:
     """gcp_list.txt with its usual mistakes."""
     at = {old: k for k, old in enumerate(grid.ground["point"])}
-    marks = [(at[str(p)], str(i), x + 0.5, y + 0.5)
-             for p, i, x, y in grid.marks[["point", "image", "x", "y"]].itertuples(index=False)]  # fmt: skip
+    table = grid.marks[["point", "image", "x", "y"]].itertuples(index=False)
+    marks = [(at[str(p)], str(i), x + 0.5, y + 0.5) for p, i, x, y in table]
 
     def listed(name, head, places, image=str, blank=" "):
         rows = [head]
@@ -445,7 +451,8 @@ def _tracks(home: Path, block: Block, grid: Block) -> None:
             "% program   : RTKPOST ver.demo5 b34k",
             "% (lat/lon/height=WGS84/ellipsoidal,Q=1:fix,2:float,3:sbas,4:dgps,5:single,6:ppp,"
             "ns=# of satellites)",
-            f"%  {system}                  latitude(deg) longitude(deg)  height(m)   Q  ns   sdn(m)   "
+            f"%  {system}                  latitude(deg) longitude(deg)  height(m)   Q  ns   "
+            "sdn(m)   "
             "sde(m)   sdu(m)  sdne(m)  sdeu(m)  sdun(m) age(s)  ratio",
         ]
         lines = lines if head else []
@@ -509,7 +516,8 @@ def _tracks(home: Path, block: Block, grid: Block) -> None:
             if k + 1 in skip:
                 continue
             rows.append(
-                f"{k + 1}\t{t + shift:.6f}\t[{week}]\t   0,N\t   0,E\t   0,V\t{lat:.9f},Lat\t{lon:.9f},Lon"
+                f"{k + 1}\t{t + shift:.6f}\t[{week}]\t   0,N\t   0,E\t   0,V\t{lat:.9f},Lat"
+                f"\t{lon:.9f},Lon"
                 f"\t{h:.4f},Ellh\t0.012010, 0.011500, 0.025000\t{flag},Q"
             )
         _text(folder / name, *rows, encoding="utf-8-sig" if bom else "utf-8")
@@ -570,7 +578,8 @@ def _readouts(home: Path, short: bool) -> None:
         cv2.imwrite(str(folder / name), render.develop(light, noise=noise, seed=1, **more))
 
     for name, hertz, exposure in (
-        ("led500.jpg", 500.0, 0.0003), ("led5k.jpg", 5000.0, 0.00003), ("led100.jpg", 100.0, 0.0003),
+        ("led500.jpg", 500.0, 0.0003), ("led2k.jpg", 2000.0, 0.00005),
+        ("led100.jpg", 100.0, 0.0003),
         ("led_period.jpg", 500.0, 0.002),
     ):  # fmt: skip
         saved(name, render.led(camera, render.Shutter(0.03, exposure), hertz))

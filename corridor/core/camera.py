@@ -18,9 +18,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 
-from corridor.core.engine.compiled import SCALAR, compiled
+from corridor.core.engine.compiled import SCALAR, compiled, njit
 from corridor.core.errors import InputError
 from corridor.core.textfile import is_number
 

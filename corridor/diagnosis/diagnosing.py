@@ -7,7 +7,7 @@ import time
 from dataclasses import asdict
 
 from corridor.core.adjustment import Adjustment, Model, Run, implausible, sound_part
-from corridor.core.block import Block, read
+from corridor.core.block import Block, read, without_distances
 from corridor.core.engine.threads import one_thread
 from corridor.core.options import options
 from corridor.core.output import plain
@@ -103,8 +103,9 @@ def _diagnose(
 ) -> Diagnosis:
     """With the settings in use."""
     began = time.perf_counter()
-    block, found, notes = prepare(read(block))
-    notes = [*(one.sentence for one in found if one.column == "gnss"), *notes]
+    block, unused = without_distances(read(block))
+    block, found, notes = prepare(block)
+    notes = [*unused, *(one.sentence for one in found if one.column == "gnss"), *notes]
     block, left_out = sound_part(block, model, run.strict)
     doubtful = doubts(block)
     notes = [*left_out, *notes]

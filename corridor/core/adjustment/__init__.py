@@ -29,9 +29,10 @@ from corridor.core.adjustment.model import (
 )
 from corridor.core.adjustment.normal import Normal
 from corridor.core.adjustment.precompiling import compiling_ahead
-from corridor.core.adjustment.problem import make_problem
+from corridor.core.adjustment.problem import make_problem, refuse_distances
 from corridor.core.adjustment.regression import PointGains, point_gains
 from corridor.core.adjustment.result import Adjustment, not_converged
+from corridor.core.adjustment.snooping import Blunder, blunders
 from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.variance_components import gnss_of_metres
 from corridor.core.adjustment.warnings import grave, implausible, tested_by
@@ -43,6 +44,7 @@ __all__ = [
     "REFERENCE_CAMERA",
     "SEES_ARM_M",
     "Adjustment",
+    "Blunder",
     "Columns",
     "Covariance",
     "Design",
@@ -61,6 +63,7 @@ __all__ = [
     "Singular",
     "adjust",
     "arms_unseen",
+    "blunders",
     "camera_of",
     "check_table",
     "compiling_ahead",
@@ -73,6 +76,7 @@ __all__ = [
     "make_problem",
     "not_converged",
     "point_gains",
+    "refuse_distances",
     "refit",
     "similarity",
     "solve",

@@ -12,7 +12,13 @@ import pandas as pd
 
 from corridor.core.adjustment.blunders import without_exchanged
 from corridor.core.adjustment.covariance import Covariance
-from corridor.core.adjustment.datum import explain, free_network, helmert_onto, open_motions
+from corridor.core.adjustment.datum import (
+    explain,
+    free_network,
+    helmert_onto,
+    open_motions,
+    scaled_by_distances,
+)
 from corridor.core.adjustment.group_variances import with_gnss_as_it_is
 from corridor.core.adjustment.left_out import sound_part
 from corridor.core.adjustment.linear_system import LinearSystem
@@ -241,6 +247,8 @@ def _once(
     if behind or lost:
         problem = make_problem(block, model)
     del residual  # as large as the observations
+
+    problem = scaled_by_distances(problem)
 
     def at(state: State) -> LinearSystem:
         return LinearSystem(problem, state, loss, threads=threads)

@@ -11,11 +11,12 @@ Baarda 1973 (S-transformation).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import eigh, qr
 
+from corridor.core.adjustment.distances import ENDS, ends_at_points, scale_of
 from corridor.core.adjustment.linear_system import LinearSystem, motions
 from corridor.core.adjustment.matrix import Singular
 from corridor.core.adjustment.misfit import misfit
@@ -59,14 +60,14 @@ def null_space(system: LinearSystem) -> tuple[np.ndarray, list[str]]:
     shared_block = system.shared_matrix / scale[:, None] / scale
     shared = -np.linalg.lstsq(shared_block, moved[n:] / scale[:, None], 1e-13)[0]
     shared /= scale[:, None]
-    information = whole[:n].T @ moved[:n] + moved[n:].T @ shared
+    information = whole.T @ moved + moved[n:].T @ shared
     total = whole.T @ (reference[:, None] * whole)
     norm = np.sqrt(np.diag(total))
     value, vector = eigh(information / norm[:, None] / norm, total / norm[:, None] / norm)
     loose = vector[:, value < OPEN] / norm[:, None]
     part = (vector[:, value < OPEN] ** 2).sum(axis=1)
     words = [QUANTITIES[k] for k in np.flatnonzero(part > 0.3 * part.max(initial=1.0))]
-    return np.concatenate([whole[:n] @ loose, shared @ loose]), words
+    return np.concatenate([whole[:n] @ loose, (whole[n:] + shared) @ loose]), words
 
 
 def free_network(system: LinearSystem) -> Datum | None:
@@ -75,7 +76,8 @@ def free_network(system: LinearSystem) -> Datum | None:
     Raises InputError where there is control or GNSS, but not enough.
     """
     p, state = system.problem, system.state
-    few_controls = _on_a_line(p.control_given) or bool(p.stack.at("ground"))
+    given = p.control_given[: len(p.control_rows)]
+    few_controls = _on_a_line(given) or bool(p.stack.at("ground"))
     few_antennas = _on_a_line(p.gnss_given) or p.arms_free or bool(p.stack.at("antenna"))
     if not (few_controls and few_antennas):
         return None
@@ -188,9 +190,9 @@ def typical_depth(state: State) -> float:
 def open_motions(p: Problem) -> np.ndarray:
     """Which of the seven motions leave all measurements of a free network as they are.
 
-    Attitudes hold its rotation, rigs its scale.
+    Attitudes hold its rotation, rigs and distances its scale.
     """
-    turns, grows = not len(p.attitude_image), not len(p.rig_image)
+    turns, grows = not len(p.attitude_image), not (len(p.rig_image) or len(p.distance_given))
     return np.array([True] * 3 + [turns] * 3 + [grows])
 
 
@@ -216,7 +218,7 @@ def helmert_onto(p: Problem, state: State, start: State) -> State:
         state = moved(state, step)
         if np.max(np.abs(poses @ step)) < 1e-12 * max(typical_depth(state), 1.0):
             break
-    return state
+    return ends_at_points(p, state)
 
 
 def moved(state: State, step: np.ndarray) -> State:
@@ -235,4 +237,23 @@ def moved(state: State, step: np.ndarray) -> State:
         state.interior,
         state.effects,
         state.arms,
+    )
+
+
+def scaled_by_distances(p: Problem) -> Problem:
+    """The problem with the start of a free network scaled as its distances say."""
+    if not len(p.distance_given) or len(p.control_rows) or len(p.gnss_image) or len(p.rig_image):
+        return p
+    scale = scale_of(p, p.start)
+    grown = moved(p.start, np.array([0.0] * 6 + [np.log(scale)]))
+    at = p.control >= 0
+    start = np.empty_like(p.end_start)
+    start[p.control[at]] = grown.points[at]
+    effects = grown.effects | {ENDS: np.zeros_like(start)}
+    return replace(
+        p,
+        end_start=start,
+        control_given=start,
+        control_weight=p.control_weight / scale**2,
+        start=replace(grown, effects=effects),
     )

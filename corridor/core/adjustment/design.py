@@ -107,7 +107,7 @@ class Design:
         self._control = system.control
         self._control_weight = self._control.sigma.reshape(-1, 1) ** -2.0
         # Points with a row of their own: the control, and those that are followed.
-        controls = len(p.control_rows)
+        controls = len(p.control_given)
         self._row = p.control.astype(np.int64)
         asked = np.array(followed, dtype=np.int64)
         fresh = np.unique(asked[p.control[asked] < 0])
@@ -139,7 +139,7 @@ class Design:
         """What kernels move on, the weights of points with a row, and room for a point's rays."""
         p = self._problem
         weight = np.zeros((self._numbered + 1, 3))
-        weight[: len(p.control_rows)] = p.control_weight
+        weight[: len(p.control_given)] = p.control_weight
         return self._modelled.copy(), weight, make_room(self._normal.longest, p.d, p.wide)
 
     def _rays(self, first: int, last: int, room: tuple) -> Rays:

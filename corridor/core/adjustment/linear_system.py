@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import block_array, coo_array, csc_array, csr_array, vstack
 
+from corridor.core.adjustment.distances import ENDS
 from corridor.core.adjustment.matrix import Bordered
 from corridor.core.adjustment.measured_poses import pose_rows, residuals
 from corridor.core.adjustment.model import CAMERA, EFFECT, LEVER_ARM
@@ -377,7 +378,8 @@ class LinearSystem:
         )
         if len(gnss):
             gnss = gnss - self._moved_beside()
-        return Residuals(pixels, gnss, normal.view(self.state).control_residual, attitude, behind)
+        control = normal.view(self.state).control_residual[: len(p.control_rows)]
+        return Residuals(pixels, gnss, control, attitude, behind)
 
     @cached_property
     def gnss(self) -> Rows:
@@ -438,10 +440,13 @@ class LinearSystem:
 
     @cached_property
     def control(self) -> Rows:
-        """The ground control. The columns move it by effects of the ground; its points are gone."""
+        """The ground control, and behind it the ends of distances, which are tied to their points.
+
+        The columns move it by effects of the ground; its points are gone.
+        """
         p = self.problem
         view = Normal(p, self.loss).view(self.state)
-        c = len(p.control_rows)
+        c = len(p.control_given)
         row, slot = np.nonzero(p.ground_column[:c] >= 0)
         column = p.image_count * p.d + p.ground_column[row, slot]
         value = view.d_ground[row, :, slot].ravel()
@@ -449,7 +454,8 @@ class LinearSystem:
         jacobian = csr_array((value, (at, np.repeat(column, 3))), shape=(3 * c, len(self.columns)))
         sigma = p.control_weight**-0.5
         given, residual = p.control_given, view.control_residual
-        return Rows(self.control_names, given, residual, sigma, jacobian, np.full(c, -1))
+        names = np.array([*self.control_names, *p.end_names], dtype=object)
+        return Rows(names, given, residual, sigma, jacobian, np.full(c, -1))
 
     @cached_property
     def _beside(self) -> list[_Beside]:
@@ -615,6 +621,11 @@ class LinearSystem:
         p = self.problem
         out = np.zeros((len(self.columns), 7))
         out[: p.image_count * p.d] = motions(self.state, p.d)
+        if p.end_names:
+            ends = p.end_start - self.state.effects[ENDS]
+            moved = helmert_motions(ends, self.state.centre.mean(axis=0))
+            last = self._of_problem
+            out[last - 3 * len(ends) : last] = -moved.reshape(-1, 7)
         return out
 
     # --- solutions ---------------------------------------------------------------------------

@@ -8,6 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from corridor.core.adjustment.distances import add_distances, distance_rows, ground_with_ends
 from corridor.core.adjustment.matrix import Band, Bordered, Sparse
 from corridor.core.adjustment.measured_poses import antenna, pose_rows, residuals
 from corridor.core.adjustment.model import Loss
@@ -139,16 +140,18 @@ class Normal:
             interior = interior + shift
         motion, d_motion = p.stack.motion_by_row(images, state.effects)
         motion, d_motion = _for_kernels(state.rotation, motion, d_motion)
-        if len(p.control_rows):
+        c = len(p.control_rows)
+        if c:
             names = p.block.ground["point"].to_numpy(dtype=object)[p.control_rows]
-            rows = np.flatnonzero(p.control >= 0)
-            modelled = np.empty((len(p.control_rows), 3))
+            rows = np.flatnonzero((p.control >= 0) & (p.control < c))
+            modelled = np.empty((c, 3))
             modelled[p.control[rows]] = state.points[rows]
             ground = Context(images, point=list(names), position=modelled)
             moved, d_ground = p.stack.evaluate("ground", ground, state.effects)
-            residual = p.control_given - modelled - moved
+            residual = p.control_given[:c] - modelled - moved
         else:
             residual, d_ground = np.zeros((0, 3)), np.zeros((0, 3, 0))
+        residual, d_ground = ground_with_ends(p, state, residual, d_ground)
         # An effect's derivative may be a read-only view, which kernels would be compiled anew for.
         d_ground = np.array(d_ground, order="C")
         radials = int(radials_in_use(interior))
@@ -334,6 +337,8 @@ class Normal:
             cost += float(np.sum(rows.weight * rows.residual**2))
         shared, own = self.from_priors(state)
         cost += float(np.sum(p.prior_weight * shared**2) + np.sum(p.per_image_prior[1] * own**2))
+        if len(p.distance_given):
+            cost += float(np.sum(p.distance_weight * distance_rows(p, state)[0] ** 2))
         return 0.5 * float(cost), int(behind)
 
     def _start(self) -> Modelled:
@@ -442,6 +447,7 @@ class Normal:
         cost, behind, self.weak = totals.sum(axis=0)
         cost += float(np.sum(p.control_weight * view.control_residual**2))
         cost += sum(self._add_poses(kind, state, view.images, matrix) for kind in POSE_KINDS)
+        cost += add_distances(self, p, state, matrix)
         cost += self._add_rigs(state, matrix)
         cost += self._add_priors(state, matrix)
         self.cost, self.behind = 0.5 * cost, int(behind)
@@ -496,8 +502,7 @@ class Normal:
         heavy = {}
         for image, by in ((i, rows.first), (j, rows.second)):
             heavy[id(by)] = weighted = (by * rows.weight[:, None]).transpose(0, 2, 1)
-            np.add.at(self.gradient, (image, slice(0, 6)),
-                      (weighted @ rows.residual[:, :, None])[:, :, 0])  # fmt: skip
+            np.add.at(self.gradient[:, :6], image, (weighted @ rows.residual[:, :, None])[:, :, 0])
             if matrix:
                 blocks = np.zeros((len(image), p.d, p.d))
                 blocks[:, :6, :6] = weighted @ by

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
+from corridor.core.adjustment.distances import ENDS, Distances, distances_of, with_ends
 from corridor.core.adjustment.model import EFFECT, Model, ParameterId, Setting, listed_effects
 from corridor.core.adjustment.observations import (
     Attitudes,
@@ -44,6 +45,7 @@ from corridor.core.effects import (
     stated_lever_arms,
 )
 from corridor.core.engine.panels import PANEL
+from corridor.core.errors import InputError
 from corridor.core.options import made
 
 # What may be measured of poses directly.
@@ -52,7 +54,7 @@ POSE_KINDS = ("gnss", "attitude")
 
 @brief
 @dataclass
-class Problem(Network, Control, Gnss, Attitudes, Rigs, Unknowns, Priors):
+class Problem(Network, Control, Distances, Gnss, Attitudes, Rigs, Unknowns, Priors):
     """Everything that stays the same from one iteration to the next.
 
     images: in the order of the problem. roles: of the rows of ground.csv, as asked for. free:
@@ -100,7 +102,8 @@ class Problem(Network, Control, Gnss, Attitudes, Rigs, Unknowns, Priors):
         """Single numbers measured, priors among them."""
         return (
             2 * len(self.img)
-            + 3 * len(self.control_rows)
+            + 3 * len(self.control_given)
+            + len(self.distance_given)
             + 3 * sum(len(self.measured(kind)) for kind in POSE_KINDS)
             + 6 * len(self.rig_image)
             + int(np.count_nonzero(self.prior_weight))
@@ -195,6 +198,8 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
     apart = np.diff(rigs.rig_image, axis=1).max(initial=0)
     network.bandwidth = max(network.bandwidth, int(apart) + 1)
     control, notes = control_of(block, network, asked)
+    distances, control, more = distances_of(block, network, control)
+    notes += more
     stack = Stack(block, effects, list(names[control.control_rows]), as_given)
 
     arms_free = bool(len(gnss.gnss_image)) and model.arms_free(block)
@@ -207,7 +212,7 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
                 settings.setdefault(which, Setting()).prior = prior
     measured = {"antenna": gnss.gnss_image, "attitude": attitudes.attitude_image}
     wanted = Wanted(free, arms_free, measured, list(names[control.control_rows]), model.held)
-    unknowns = unknowns_of(images, stack, wanted)
+    unknowns = with_ends(unknowns_of(images, stack, wanted), distances)
     own = per_image_names(stack, unknowns.per_image_unknowns)
     priors = priors_of(unknowns.unknowns, own, settings, len(rank))
     for effect in beside:
@@ -219,12 +224,13 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
             mine = [n for n, u in enumerate(unknowns.unknowns) if u.owner == effect.slug]
             priors.prior_weight[mine] = sigma.ravel() ** -2.0
     refuse_twice(stack, free, unknowns.unknowns, own, priors)
+    ends = {ENDS: np.zeros(distances.end_start.shape)} if distances.end_names else {}
     state = State(
         centre=images.centre,
         rotation=images.rotation,
         points=network.point_start,
         interior=np.array([c.interior for c in block.cameras.values()]),
-        effects=stack.start(),
+        effects=stack.start() | ends,
         arms=stated_lever_arms(block),
     )
     return Problem(
@@ -232,6 +238,7 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
         **vars(control),
         **vars(gnss),
         **vars(attitudes),
+        **vars(distances),
         **vars(rigs),
         **vars(unknowns),
         **vars(priors),
@@ -263,6 +270,15 @@ def _idle(
     return np.array(idle, dtype=np.int64).reshape(-1, 2)
 
 
+def refuse_distances(block: Block) -> None:
+    """Raise InputError where a block has distances, for what does not know them."""
+    if len(block.distances):
+        raise InputError(
+            "distances.csv is used by `adjust` alone: take it out of the block "
+            "(block.with_(distances=None)) to simulate its counterpart or to test effects"
+        )
+
+
 def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
     """The same measurements with columns for effects that are tested, but for those of the antenna.
 
@@ -270,6 +286,7 @@ def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
     Everything else stays as it was estimated, with its priors.
     """
     p, tested = problem, list(tested)
+    refuse_distances(p.block)
     slugs = {effect.slug for effect in tested}
     kept = [m.effect for slug, m in p.stack.members.items() if slug not in slugs]
     here = [effect for effect in tested if effect.place != "antenna"]

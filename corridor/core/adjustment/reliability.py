@@ -14,12 +14,15 @@ import pandas as pd
 from scipy.special import chdtrc, ndtri
 
 from corridor.core.adjustment.cofactors import OfPoint, of_antennas, of_control, of_points
+from corridor.core.adjustment.external_reliability import moves
 from corridor.core.adjustment.snooping import SHOWN, Blunder, blunders
 from corridor.core.output import with_units
 
 if TYPE_CHECKING:
     from corridor.core.adjustment.tables import Tables
 
+# Rays up to which reports tell what needs a matrix of all of them (500 MB).
+_MOST_RAYS = 2_000_000
 ALPHA, BETA = 1e-3, 0.2
 # Non-centrality of a test of that size and power, in sigmas: 4.13.
 DELTA = float(-ndtri(ALPHA / 2) - ndtri(BETA))
@@ -124,6 +127,23 @@ class Reliability:
                    "largest_least_error", "unit"]  # fmt: skip
         return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("kind")
 
+    @property
+    def whole(self) -> bool:
+        """Whether what looks at every point of every image fits in the memory of a report."""
+        return len(self._of.problem.img) <= _MOST_RAYS
+
+    @cached_property
+    def external(self) -> pd.DataFrame:
+        """What the least error of each coordinate of control does to the points where it is not
+        found: point, axis, least_error, and the point that moves most: at, x, y, z, moved; plan,
+        height: the largest move of any point in these; m."""
+        control = self.control
+        errors = control["least_error"].to_numpy(float)
+        found = moves(self._of.covariance, np.array(self._control_points, np.int64), errors)
+        kept = pd.DataFrame(control[["point", "axis", "least_error"]])
+        whole = pd.concat([kept, pd.DataFrame(found)], axis=1)
+        return with_units(whole, {"m": "least_error x y z moved plan height"})
+
     # --- what is wrong -----------------------------------------------------------------------
 
     @cached_property
@@ -147,12 +167,17 @@ class Reliability:
         return with_units(pd.DataFrame(rows, columns=columns), {"m": "error sigma"})
 
     @cached_property
+    def control_cofactors(self) -> np.ndarray:
+        """Cofactors (3 c, 3 c) of the residuals of control, x, y, z of each point, in units of its
+        standard deviations."""
+        return of_control(self._of.covariance, [self._points[k] for k in self._control_points])
+
+    @cached_property
     def _blunders(self) -> list[Blunder]:
         residuals = self._of.residuals["control"]
         if len(residuals) < 2:
             return []
-        found = [self._points[k] for k in self._control_points]
-        share = of_control(self._of.covariance, found)
+        share = self.control_cofactors
         v = residuals[["vx", "vy", "vz"]].to_numpy() / residuals[["sx", "sy", "sz"]].to_numpy()
         return blunders(v.ravel(), share)
 
@@ -176,7 +201,7 @@ class Reliability:
     def _control_points(self) -> list[int]:
         """Number of the point of each control point."""
         p = self._of.problem
-        rows = np.flatnonzero(p.control >= 0)
+        rows = np.flatnonzero((p.control >= 0) & (p.control < len(p.control_rows)))
         return rows[np.argsort(p.control[rows])].tolist()
 
     def to_dict(self) -> dict:
@@ -188,6 +213,7 @@ class Reliability:
             "wrong_control": self.wrong_control.to_dict(orient="records"),
             "control": self.control.to_dict(orient="records"),
             "check": self.check.to_dict(orient="records"),
+            "external": self.external.to_dict(orient="records") if self.whole else None,
         }
 
     def to_frame(self) -> pd.DataFrame:

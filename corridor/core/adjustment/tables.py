@@ -11,10 +11,12 @@ import pandas as pd
 
 from corridor.core.adjustment.check_statistics import Checked
 from corridor.core.adjustment.covariance import Covariance
+from corridor.core.adjustment.distances import END, table_of
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.model import CAMERA, EFFECT, LEVER_ARM, ParameterId
 from corridor.core.adjustment.observation_table import observation_table
 from corridor.core.adjustment.parameters import Found, Parameters
+from corridor.core.adjustment.point_quality import quality
 from corridor.core.adjustment.reliability import Reliability
 from corridor.core.adjustment.solving import Solution
 from corridor.core.block import POSE, Block, frugal, places
@@ -205,8 +207,10 @@ class Tables(Checked):
             names = p.images.names[p.attitude_image]
             degrees, weight = np.degrees(left.attitude), p.attitude_weight / np.degrees(1.0) ** 2
             out["attitude"] = _threes(names, "image", None, degrees, weight, "deg")
-        names = self.system.control_names
-        out["control"] = _threes(names, "point", p.control_given, left.control, p.control_weight)
+        names, c = self.system.control_names, len(p.control_rows)
+        out["control"] = _threes(
+            names, "point", p.control_given[:c], left.control, p.control_weight[:c]
+        )
         return out
 
     @cached_property
@@ -251,6 +255,12 @@ class Tables(Checked):
                 "gross": int(gross.sum()),
             }
         return out
+
+    @cached_property
+    def distances(self) -> pd.DataFrame:
+        """The distances that were measured: from, to, given, sigma, v (given minus adjusted),
+        s_adjusted, redundancy, w, least_error; m. See `adjustment.distances`."""
+        return table_of(self.problem, self.state, self.covariance, self.sigma0)
 
     @cached_property
     def reliability(self) -> Reliability:
@@ -348,8 +358,10 @@ class Tables(Checked):
     @cached_property
     def correlation_matrix(self) -> pd.DataFrame:
         """Correlations (q, q) of camera, effect and lever-arm parameters, by their names."""
-        names = [unknown.label for unknown in self.problem.unknowns]
+        # Coordinates of the ends of distances, which stand last, are no parameters.
+        names = [one.label for one in self.problem.unknowns if one.kind != END]
         shared = self.covariance.shared if names else np.zeros((0, 0))
+        shared = shared[: len(names), : len(names)]
         sigma = np.sqrt(np.diag(shared))
         return pd.DataFrame(shared / sigma[:, None] / sigma, index=names, columns=names)
 
@@ -458,6 +470,12 @@ class Tables(Checked):
             }
         )
         return with_units(frame, {"m": "x y z"})
+
+    @cached_property
+    def point_quality(self) -> pd.DataFrame:
+        """How each point is determined: point, rays, angle (largest between two of its rays,
+        degrees), correlation (largest between two of its coordinates)."""
+        return quality(self.covariance)
 
     @property
     def point_sigma(self) -> np.ndarray:

@@ -1,7 +1,7 @@
 """The block: one flight, or several, as plain tables. Read, check, select, write, summarise."""
 
 from corridor.core.block.attitudes import level_axes
-from corridor.core.block.block import Block, files_of, is_block, read
+from corridor.core.block.block import Block, files_of, is_block, read, without_distances
 from corridor.core.block.corners import corner_rays, footprints
 from corridor.core.block.reading import place, read_columns, row_numbers
 from corridor.core.block.record import forget_correction, record_correction, taken_out
@@ -61,5 +61,6 @@ __all__ = [
     "relative",
     "row_numbers",
     "taken_out",
+    "without_distances",
     "with_rigid_poses",
 ]

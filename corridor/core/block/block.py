@@ -67,6 +67,7 @@ class Block:
     ground: pd.DataFrame = None  # type: ignore[assignment]
     gnss: pd.DataFrame = None  # type: ignore[assignment]
     attitudes: pd.DataFrame = None  # type: ignore[assignment]
+    distances: pd.DataFrame = None  # type: ignore[assignment]
     rates: pd.DataFrame = None  # type: ignore[assignment]
     track: pd.DataFrame = None  # type: ignore[assignment]
     sigma: dict = field(default_factory=dict)
@@ -380,6 +381,10 @@ class Block:
             for other in ("points", "ground"):
                 kept[other] = kept[other][~is_among(kept[other]["point"], lost)]
 
+        if len(self.distances):
+            seen = pd.concat([kept[t]["point"].astype("str") for t in ("tie_points", "marks")])
+            there = [is_among(self.distances[end], seen) for end in ("from", "to")]
+            kept["distances"] = self.distances[there[0] & there[1]]
         lost = set(names) - set(names[np.unique(codes[chosen])])
         for table in ("rates", "track"):
             frame = getattr(self, table)
@@ -484,6 +489,17 @@ def read(folder: str | os.PathLike | Block) -> Block:
     )
     block.check()
     return block
+
+
+def without_distances(block: Block) -> tuple[Block, list[str]]:
+    """A block without its distances, and a sentence on that where there were some: for whoever
+    does not use them yet."""
+    count = len(block.distances)
+    if not count:
+        return block, []
+    rows = "its row is" if count == 1 else f"its {count} rows are"
+    note = f"distances.csv is not used here, {rows} left out: `corridor adjust` uses distances."
+    return block.with_(distances=None), [note]
 
 
 def files_of(folder: Path) -> list[Path]:

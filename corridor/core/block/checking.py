@@ -65,6 +65,7 @@ def check(block, observed: bool = True) -> None:
         _once(block, table, "image")
     if len(block.attitudes):
         _whole(block, "attitudes", check_attitudes(block), "the attitude")
+    _distances(block)
     exposures_of(block)
     if "image" in block.rates:
         _known_images(block, "rates")
@@ -309,6 +310,19 @@ def _whole(block, table: str, columns: tuple[str, ...], what: str, remedy: str =
         verb = "is" if len(missing) == 1 else "are"
         fault = f"{what} is given in part, {', '.join(missing)} {verb} missing"
         _refuse(block, table, wrong, fault, remedy or "give all of it or leave all of it empty")
+
+
+def _distances(block) -> None:
+    """Distances are between two points, and positive."""
+    table = block.distances
+    if not len(table):
+        return
+    same = (table["from"] == table["to"]).to_numpy()
+    remedy = "name the two ends of the distance, or delete the row"
+    _refuse(block, "distances", same, "from and to are the same point {from!r}", remedy)
+    length = table["distance"].to_numpy()
+    remedy = "write the distance in metres, or delete the row"
+    _refuse(block, "distances", ~(length > 0), "distance = {distance:g} is not positive", remedy)
 
 
 def _lever_arms(block) -> None:

@@ -59,9 +59,10 @@ def rigs_of(block) -> dict[str, dict]:
     """The tables [rig.NAME]. Raises InputError where one is not as it should be."""
     rigs = block.extra.get("rig", {})
     owner: dict[str, str] = {}
-    for name, rig in rigs.items() if isinstance(rigs, dict) else [("", None)]:
+    for name, rig in rigs.items() if isinstance(rigs, dict) else [("", {})]:
         where = f"block.toml: [rig.{name}]"
-        members = rig.get("member") if isinstance(rig, dict) else None
+        rig = rig if isinstance(rig, dict) else {}
+        members = rig.get("member")
         if not isinstance(members, dict) or not isinstance(rig.get("base"), str):
             raise InputError(
                 f'{where} needs base = "CAMERA" and a table [rig.{name}.member.CAMERA] for each '

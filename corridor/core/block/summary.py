@@ -104,6 +104,7 @@ class Summary:
             ("tie points", count["tie_points"], ties, True),
             ("ground points", count["ground_points"], ground, count["marks"]),
             ("GNSS positions", count["gnss"], "antenna at exposure", False),
+            ("distances", count["distances"], "scale bars and tapes between points", False),
             ("attitudes", count["attitudes"], "camera or body at exposure", False),
             ("GNSS track", count["track"], "epochs of the receiver", False),
             ("angular rates", count["rates"], "epochs of the gyroscope", False),
@@ -242,7 +243,10 @@ def _counts(block, tie_points: int, posed: int, start: pd.DataFrame) -> dict[str
         "marks": len(block.marks),
         "ground_points": len(block.ground),
         **{role: int((block.ground["role"] == role).sum()) for role in ROLES},
-        **{table: len(getattr(block, table)) for table in ("gnss", "attitudes", "track", "rates")},
+        **{
+            table: len(getattr(block, table))
+            for table in ("gnss", "attitudes", "track", "rates", "distances")
+        },
     }
 
 

@@ -23,7 +23,7 @@ RATES = ("wx", "wy", "wz")
 SIGMAS = ("sx", "sy", "sz")
 ANGLES = (("roll", "pitch", "yaw"), ("omega", "phi", "kappa"))
 ANGLE_SIGMAS = ("sroll", "spitch", "syaw")
-NAMES = frozenset(("image", "camera", "flight", "strip", "point", "role", "group"))
+NAMES = frozenset(("image", "camera", "flight", "strip", "point", "role", "group", "from", "to"))
 ROLES = ("control", "check", "unused")
 _PART = 1 << 20  # rows that are looked at together
 
@@ -62,6 +62,7 @@ LAYOUTS = {
     "ground": Layout(("point", "x", "y", "z", "role"), optional=(*SIGMAS, "group")),
     "gnss": Layout(("image", "x", "y", "z"), optional=SIGMAS),
     "attitudes": Layout(("image",), optional=(*ANGLES[0], *ANGLES[1], *QUATERNION, *ANGLE_SIGMAS)),
+    "distances": Layout(("from", "to", "distance"), optional=("sigma",)),
     "rates": Layout(("time_s", *RATES), optional=("flight", "image")),
     "track": Layout(("time_s", "x", "y", "z"), optional=("flight", *SIGMAS, "quality", *VELOCITY)),
 }

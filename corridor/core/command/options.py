@@ -168,6 +168,11 @@ SHARED = {
         float,
         default=0.01,
     ),
+    "--loss": option(
+        "squares (default), huber:2 or cauchy:2: from how many sigmas on residuals weigh less",
+        "LOSS",
+        default="squares",
+    ),
     "--lever-arm": option(
         "estimate the GNSS lever arm of each flight, or hold it (default: as block.toml says; held "
         "where positions are too coarse to show it)",

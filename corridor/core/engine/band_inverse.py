@@ -12,9 +12,8 @@ Source: Takahashi et al. 1973, "Formation of a sparse bus impedance matrix".
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from corridor.core.engine.compiled import KERNEL, UNWRAPPED, compiled
+from corridor.core.engine.compiled import KERNEL, UNWRAPPED, compiled, njit
 from corridor.core.engine.panels import PANEL, panel, plus, put, transposed, zeros
 from corridor.core.engine.triangular import copy, gathered, keep, nothing, products, take_columns
 

@@ -15,34 +15,60 @@ import subprocess
 import sys
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from numba import config, njit
-from numba.core.caching import NullCache
-from numba.core.dispatcher import Dispatcher
-from numba.core.extending import _Intrinsic
+from corridor.core.errors import WorkFailed
+
+try:
+    from numba import __version__, config, njit
+    from numba.core.caching import NullCache
+    from numba.core.cpu import CPUTargetOptions
+    from numba.core.dispatcher import Dispatcher
+    from numba.core.extending import _Intrinsic
+except ImportError as fault:
+    raise WorkFailed(
+        f"numba cannot be loaded ({fault}): install numba 0.64 to 0.68, which compiles what "
+        "computes here"
+    ) from None
+
+
+def _known(options: dict[str, Any]) -> dict[str, Any]:
+    """Those options that this numba has; code without the others is slower, and does the same."""
+    lost = [name for name in options if not hasattr(CPUTargetOptions, name)]
+    if lost:
+        warnings.warn(
+            f"numba {__version__} has no option {', '.join(lost)}: what is compiled is slower; "
+            "install numba 0.64 to 0.68",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+    return {name: value for name, value in options.items() if name not in lost}
+
 
 # For small functions inside a loop. LLVM inlines them: inlined by numba, every argument would be
 # a new name that holds a reference to its array. And `_nrt` off leaves the counting of references
 # out altogether; it took longer than the arithmetic. Such a function cannot make an array. It is
-# numba's own option, so that pyproject.toml bounds the version.
-SCALAR: dict[str, Any] = {
-    "forceinline": True,
-    "no_cfunc_wrapper": True,
-    "_nrt": False,
-    "error_model": "numpy",
-    "fastmath": {"contract"},
-}
+# numba's own option, so that pyproject.toml bounds the version; one that has gone is left out.
+SCALAR = _known(
+    {
+        "forceinline": True,
+        "no_cfunc_wrapper": True,
+        "_nrt": False,
+        "error_model": "numpy",
+        "fastmath": {"contract"},
+    }
+)
 # What kernels alone call compiles sooner without a way in from Python: called from there it would
 # end the process.
-UNWRAPPED: dict[str, Any] = SCALAR | {"no_cpython_wrapper": True}
+UNWRAPPED = SCALAR | _known({"no_cpython_wrapper": True})
 # Kernels proper: as the scalar functions, and they let other threads run.
 _SHARED = ("_nrt", "no_cfunc_wrapper", "error_model", "fastmath")
-KERNEL: dict[str, Any] = {key: SCALAR[key] for key in _SHARED} | {"nogil": True}
+KERNEL = {key: SCALAR[key] for key in _SHARED if key in SCALAR} | {"nogil": True}
 
 # A process that compiles for us has failed where it takes longer for one kernel, s.
 PATIENCE_S = 60.0

@@ -20,10 +20,9 @@ Source: Triggs et al. 2000, "Bundle adjustment: a modern synthesis", sections 4.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from corridor.core.camera import interior_columns
-from corridor.core.engine.compiled import KERNEL, UNWRAPPED, compiled
+from corridor.core.engine.compiled import KERNEL, UNWRAPPED, compiled, njit
 from corridor.core.engine.panels import (
     PANEL,
     add_some,

@@ -11,9 +11,8 @@ lane of its own of all panels.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from corridor.core.engine.compiled import KERNEL, UNWRAPPED, compiled
+from corridor.core.engine.compiled import KERNEL, UNWRAPPED, compiled, njit
 from corridor.core.engine.kernels import (
     BLOCK,
     GROUP,

@@ -15,10 +15,9 @@ no weight. Indices are unsigned and arrays flat where it is hot: no test for a n
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from corridor.core.camera import distorted, interior_columns
-from corridor.core.engine.compiled import UNWRAPPED
+from corridor.core.engine.compiled import UNWRAPPED, njit
 from corridor.core.engine.panels import (
     PANEL,
     lane,

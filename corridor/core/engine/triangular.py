@@ -8,11 +8,10 @@ A band is stored as LAPACK stores a lower one: entry (i, j) as number j * ld + i
 """
 
 import numpy as np
-from numba import njit
 from scipy.linalg.blas import dtbsv
 from scipy.linalg.lapack import dpbtrf
 
-from corridor.core.engine.compiled import KERNEL, UNWRAPPED, compiled
+from corridor.core.engine.compiled import KERNEL, UNWRAPPED, compiled, njit
 from corridor.core.engine.panels import PANEL, panel, plus, put, zeros
 
 U = np.uint64

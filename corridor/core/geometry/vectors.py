@@ -1,9 +1,8 @@
 """Vectors of three and rotations about them, for compiled functions."""
 
 import numpy as np
-from numba import njit
 
-from corridor.core.engine.compiled import SCALAR
+from corridor.core.engine.compiled import SCALAR, njit
 
 
 @njit(**SCALAR)

@@ -171,19 +171,7 @@ def _no_way(points: np.ndarray, source: str, target: str) -> str:
     outside = outside_area(points, source)
     if outside:
         return outside
-    from pyproj.transformer import TransformerGroup
-
-    grids: list[str] = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)
-        try:
-            group = TransformerGroup(
-                known_crs(source), known_crs(target), always_xy=True, allow_ballpark=False
-            )
-            first = group.unavailable_operations[:1]
-            grids = [g.short_name for one in first for g in one.grids if not g.available]
-        except RuntimeError:
-            pass
+    grids = _missing_grids(source, target)
     named, other = (_called(crs) for crs in (source, target))
     if grids:
         files = " ".join(f"--file {grid.removesuffix('.tif')}" for grid in grids)
@@ -195,6 +183,23 @@ def _no_way(points: np.ndarray, source: str, target: str) -> str:
         f"no exact transformation from {named} to {other} is known: PROJ would be off by tens of "
         "metres; write the system by its EPSG code, which states its datum"
     )
+
+
+@lru_cache(maxsize=32)
+def _missing_grids(source: str, target: str) -> tuple[str, ...]:
+    """Files that PROJ's best way from one system to the other needs and has not; it looks long."""
+    from pyproj.transformer import TransformerGroup
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        try:
+            group = TransformerGroup(
+                known_crs(source), known_crs(target), always_xy=True, allow_ballpark=False
+            )
+        except RuntimeError:
+            return ()
+    first = group.unavailable_operations[:1]
+    return tuple(g.short_name for one in first for g in one.grids if not g.available)
 
 
 def outside_area(points: np.ndarray, crs: str) -> str:

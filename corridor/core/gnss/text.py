@@ -1,4 +1,4 @@
-"""TextRows of text files as fields, with messages that name file, row and remedy."""
+"""Rows of text files as fields, with messages that name file, row and remedy."""
 
 import math
 from collections.abc import Callable, Iterable
@@ -11,7 +11,7 @@ from corridor.core.errors import InputError
 
 
 class TextRows:
-    """TextRows of a file as lists of fields.
+    """Rows of a file as lists of fields.
 
     at (n,): the line of the file that each is, from 1. of: said after that number in messages.
     """

@@ -193,7 +193,7 @@ class _Sheets:
 
         image = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
         high, wide = image.shape[:2]
-        scale = min(_ROOM / wide, 0.45 * HIGH / high)
+        scale = min(_ROOM / wide, 0.36 * HIGH / high)
         self.gap(8)
         self._need(scale * high + 3 * _LEAD * _NOTE)
         figure, top = self.figures[-1], self.top

@@ -1,7 +1,13 @@
 """What a block can know by itself: velocities, angular rates, antenna positions."""
 
 from corridor.core.preparation.angular_rate import rates_from_gyro, rates_from_neighbours
-from corridor.core.preparation.plausibility import against, doubts, stray, unlike
+from corridor.core.preparation.plausibility import (
+    SLOWEST_READOUT_S,
+    against,
+    doubts,
+    stray,
+    unlike,
+)
 from corridor.core.preparation.plausibility_of_motion import paired_speeds, velocity_doubts
 from corridor.core.preparation.preparing import Prepared, prepare
 from corridor.core.preparation.record import (
@@ -21,6 +27,7 @@ from corridor.core.preparation.strips import strips_of, track_runs
 from corridor.core.preparation.velocity import METHODS, Velocities, velocities
 
 __all__ = [
+    "SLOWEST_READOUT_S",
     "AGREES",
     "ARBITRARY",
     "CONTRADICTS",

@@ -53,6 +53,7 @@ _UNLIKE = 0.4
 _STRAY_M, _FEW, _FEWEST = 1.0, 0.1, 5
 # Drones and small aircraft fly no higher above ground, m.
 _HIGHEST_M = 3000.0
+_FOOT_M = 0.3048
 _REMEDY = "x is east, y north, in metres less the block's offset."
 
 
@@ -317,7 +318,7 @@ def against(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
     if np.abs(middle[:2]).max() > _FAR_M and spread[:2].max() < 0.1 * np.abs(middle[:2]).max():
         return (
             f"{file} lies {_kilometres(np.hypot(*middle[:2]))} from {other}, all images by the "
-            "same way: subtract the block's offset from it."
+            "same vector: subtract the block's offset from it."
         )
     return ""
 
@@ -406,6 +407,9 @@ def _ground(block: Block, centres: np.ndarray) -> str:
     away = float(np.hypot(away, np.median(np.abs(given[:, 2] - above[:, 2]))))
     if away < 5.0 * height:
         return ""
+    in_feet = above - _FOOT_M * given
+    if np.hypot(*np.median(np.abs(in_feet[:, [0, 2]]), axis=0)) < 2.0 * height:
+        return "is in feet, not in the metres of"
     return f"lies {_kilometres(away)} from"
 
 

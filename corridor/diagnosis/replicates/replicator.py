@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from corridor.core.adjustment import LOSSES, ImageRows, LinearSystem, Loss
+from corridor.core.adjustment import LOSSES, ImageRows, LinearSystem, Loss, refuse_distances
 from corridor.core.effects import Context, every_effect
 from corridor.core.geometry import (
     CLIPPED,
@@ -237,6 +237,7 @@ class Replicator:
 
     def __init__(self, adjustment: Adjustment):
         system = adjustment.system
+        refuse_distances(system.block)
         rows = system.image_rows
         self.held_out = _held_out(rows)
         self.sigma, self.is_tie = rows.sigma, rows.tie

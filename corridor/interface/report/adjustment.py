@@ -85,6 +85,8 @@ def of_adjustment(adjustment: Adjustment) -> Report:
         _observations(adjustment),
         _components(adjustment),
         _reliability(adjustment),
+        _distances(adjustment),
+        _points(adjustment),
         _camera(adjustment),
         _effects(adjustment),
         _lever_arms(adjustment),
@@ -194,6 +196,7 @@ def adjustment_dict(adjustment: Adjustment) -> dict[str, Any]:
         "parameters": len(adjustment.correlation_matrix),
         "variance_components": adjustment.variance_components.to_dict(orient="records"),
         "reliability": adjustment.reliability.to_dict(),
+        "distances": adjustment.distances.to_dict(orient="records"),
         "warnings": adjustment.warnings,
     }
     return plain(content)
@@ -206,6 +209,9 @@ def _files(adjustment: Adjustment) -> dict[str, pd.DataFrame]:
         "poses.csv": adjustment.poses,
         "outliers.csv": _outliers(adjustment),
         "reliability.csv": adjustment.reliability.to_frame(),
+        "external_reliability.csv": (
+            adjustment.reliability.external if adjustment.reliability.whole else pd.DataFrame()
+        ),
     } | adjustment.values.tables()
     return {name: table for name, table in files.items() if len(table) or name == "poses.csv"}
 
@@ -396,13 +402,88 @@ def _reliability(adjustment: Adjustment) -> Table | None:
         )
         for row in frame.itertuples()
     ]
-    notes = (
+    notes = [
         "redundancy: share of an error that its residual shows; w: residual over its own sigma, "
         "beyond 3.3 one of a thousand good ones; least error found with a probability of 80 %",
         "each measurement, with its prediction by all others: reliability.csv",
-    )
+        *_hidden(adjustment),
+    ]
     header = ("kind", "redundancy", "least", "largest w", "least error", "worst")
-    return Table("Reliability", header, tuple(rows), "lrrrrr", notes)
+    return Table("Reliability", header, tuple(rows), "lrrrrr", tuple(notes))
+
+
+def _hidden(adjustment: Adjustment) -> list[str]:
+    """What an error of control that is not found does at most, and where."""
+    if not adjustment.reliability.whole or not len(adjustment.residuals["control"]):
+        return []
+    table = adjustment.reliability.external
+    table = table[np.isfinite(table["least_error"]) & np.isfinite(table["moved"])]
+    if not len(table):
+        return []
+    row = table.loc[table["moved"].idxmax()]
+    return [
+        f"an error of control that is not found moves no point by more than "
+        f"{millimetres(row['moved'])}: {short(row['at'])}, where {short(row['point'])} is wrong "
+        f"in {row['axis']} by {millimetres(row['least_error'])}"
+    ]
+
+
+def _points(adjustment: Adjustment) -> Table | None:
+    """Angles of rays and correlations within points."""
+    if not (adjustment.converged and adjustment.reliability.whole):
+        return None
+    table = adjustment.point_quality
+    marks = adjustment.points["kind"].to_numpy() == "mark"
+    rows = []
+    for name, mine in (("tie points", ~marks), ("marks", marks)):
+        part = table[mine & (table["rays"] > 1).to_numpy()]
+        if not len(part):
+            continue
+        angle, correlation = part["angle"], part["correlation"]
+        weak = part.loc[angle.idxmin()]
+        rows.append(
+            (
+                name,
+                f"{len(part):,}",
+                fixed(part["rays"].mean(), 1),
+                f"{angle.min():.1f} ({short(weak['point'], 12)})",
+                fixed(angle.median(), 1),
+                fixed(angle.max(), 1),
+                f"{int((correlation > _STRONG).sum()):,}",
+            )
+        )
+    notes = (
+        "angle: the largest between two rays of a point, degrees; correlated: points of which two "
+        f"coordinates are correlated above {_STRONG}",
+    )
+    header = ("points", "count", "rays", "least angle", "median", "largest", "correlated")
+    return Table("Points", header, tuple(rows), "lrrrrrr", notes) if rows else None
+
+
+def _distances(adjustment: Adjustment) -> Table | None:
+    """Scale bars and tapes, with their tests."""
+    frame = adjustment.distances
+    if not len(frame):
+        return None
+    order = np.argsort(-frame["w"].abs().fillna(0.0).to_numpy(), kind="stable")[:_MOST_POINTS]
+    rows = [
+        (
+            short(row["from"]),
+            short(row["to"]),
+            rounded(row["given"], row["sigma"])[0],
+            significant(row["sigma"]),
+            f"{1e3 * row['v']:.3g}",
+            significant(row["s_adjusted"]),
+            fixed(row["redundancy"], 2),
+            fixed(row["w"], 1),
+        )
+        for _, row in frame.iloc[np.sort(order)].iterrows()
+    ]
+    notes = ["v: given minus adjusted; a redundancy of 0: nothing else shows this length"]
+    if len(rows) < len(frame):
+        notes.append(f"the {len(rows)} of {len(frame)} with the largest w")
+    header = ("from", "to", "given m", "sigma m", "v mm", "adjusted +- m", "redundancy", "w")
+    return Table("Distances", header, tuple(rows), "llrrrrrr", tuple(notes))
 
 
 def _rms(kind: str, rms) -> str:

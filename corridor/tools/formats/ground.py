@@ -270,8 +270,10 @@ def add_to(project: Project, ground: Ground) -> Project:
         try:
             places = in_frame(block, given, ground.crs, ground.path.name)
         except InputError as error:
-            marked = replace(block, marks=marks)
-            told = remedy(marked, list(new["point"]), given, ground.crs, in_frame)
+            told = ""
+            if ground.crs is not None and outside_area(given, ground.crs):
+                marked = replace(block, marks=marks)
+                told = remedy(marked, list(new["point"]), given, ground.crs, in_frame)
             raise InputError(f"{error}; {told}" if told else str(error)) from None
         new = new.assign(**dict(zip(_XYZ, places.T, strict=True)))
     block = replace(block, marks=marks)

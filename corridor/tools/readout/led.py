@@ -22,6 +22,7 @@ from numpy.polynomial import chebyshev
 from corridor.core.engine.threads import one_thread
 from corridor.core.errors import InputError
 from corridor.core.geometry import robust_scale
+from corridor.core.preparation import SLOWEST_READOUT_S
 from corridor.tools.readout.fitting import sigmas_of, vertex
 from corridor.tools.readout.photograph import CannotMeasure, Photo, read
 from corridor.tools.readout.result import Readout, StripesDrawing, sigma_with_speed
@@ -111,6 +112,11 @@ def measure_led(
     if photo.exposure_s and abs(photo.exposure_s * frequency_hz - 1) < 0.05:
         warnings.append("the exposure is close to one period of the light: the stripes are weak")
     readout = 1e3 * (rows - 1) * cycles / frequency_hz
+    if readout > 1e3 * SLOWEST_READOUT_S:
+        raise InputError(
+            f"--frequency {frequency_hz:g}: the readout time would be {readout:,.0f} ms, longer "
+            "than that of any camera; give the frequency in Hz (0.5 kHz is 500)"
+        )
     own = 1e3 * (rows - 1) * fitted.sigma / frequency_hz
     found = Readout(
         target="led",

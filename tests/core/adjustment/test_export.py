@@ -157,6 +157,8 @@ def test_a_disk_that_is_full_at_the_end_leaves_no_geopackage(tmp_path):
 def test_without_the_extra_it_is_said_before_the_work(
     folder, tmp_path, capsys, monkeypatch, verb, package
 ):
+    if package == "laspy":
+        pytest.importorskip("pyogrio")
     monkeypatch.setitem(sys.modules, package, None)
     monkeypatch.setattr(corridor, verb, None)  # work would be a fault
     assert main([verb, str(folder), "-o", str(tmp_path / "out"), "--gis"]) == 2
@@ -165,6 +167,7 @@ def test_without_the_extra_it_is_said_before_the_work(
 
 
 def test_a_system_that_nobody_knows_is_said_before_the_work(folder, tmp_path, capsys, monkeypatch):
+    pytest.importorskip("pyogrio")
     block = corridor.read(folder)
     block.crs = "EPSG:999999"
     block.write(tmp_path / "block")

@@ -195,3 +195,36 @@ class TestWrongControl:
 
     def test_a_set_of_one_is_not_accused(self):
         assert blunders(np.array([50.0]), np.array([[0.5]])) == []
+
+
+class TestExternal:
+    @pytest.mark.parametrize("model", MODELS)
+    def test_an_undetected_error_moves_the_points_as_an_adjustment_with_it_does(self, model):
+        """The same block with the error in it, adjusted: points move by as much, to 1 %."""
+        block = flown()
+        adjusted = corridor.adjust(block, **MODELS[model], weights="stated")
+        table = adjusted.reliability.external
+        row = int(table["moved"].where(np.isfinite(table["least_error"])).idxmax())
+        one = table.iloc[row]
+        # Small, so that it is linear.
+        size = 1e-3
+        spoilt = block.copy()
+        at = spoilt.ground.index[spoilt.ground["point"] == one["point"]][0]
+        spoilt.ground.loc[at, one["axis"]] += size
+        other = corridor.adjust(spoilt, **MODELS[model], weights="stated")
+        away = other.state.points - adjusted.state.points
+        length = np.linalg.norm(away, axis=1) * one["least_error"] / size
+        assert length.max() == pytest.approx(one["moved"], rel=0.01)
+        assert str(adjusted.problem.point_index[length.argmax()]) == one["at"]
+        plan = np.hypot(away[:, 0], away[:, 1]).max() * one["least_error"] / size
+        assert plan == pytest.approx(one["plan"], rel=0.01)
+
+    def test_without_control_there_is_an_empty_table_and_a_report(self):
+        adjusted = corridor.adjust(flown(control=0))
+        assert len(adjusted.reliability.external) == 0
+        assert "moves no point" not in str(adjusted)
+
+    def test_a_coordinate_that_nothing_checks_has_no_largest_move(self):
+        adjusted = corridor.adjust(flown(gnss=False, control=3), camera="fixed")
+        table = adjusted.reliability.external
+        assert len(table) == 9 and set(table["axis"]) == set("xyz")

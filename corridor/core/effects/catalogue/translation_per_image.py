@@ -9,23 +9,14 @@ Source: Vautherin et al. 2016 (Pix4D's linear motion, translation only).
 
 import numpy as np
 
-from corridor.core.effects.contract import LinearEffect, Parameter
+from corridor.core.effects.catalogue.motion_per_image import MotionPerImage
+from corridor.core.effects.contract import Parameter
 
 
-class TranslationPerImage(LinearEffect):
+class TranslationPerImage(MotionPerImage):
     slug = "translation_per_image"
     title = "Motion of each image during its readout: translation, 3 parameters an image"
     called = "a motion of the camera while the rows are read, another in each image"
-    place = "motion"
-    group = "image"
-    generic = True
-    # Velocities, a rotation an image and shifted rows say the same and say why.
-    searched = False
-    revealed_by = "a block of crossing strips with many tie points over all rows of every image"
-    unobservable_when = (
-        "the ground is flat or the flight is a corridor: each image's pose and the camera do what "
-        "its motion does"
-    )
 
     def parameters(self, block):
         # 5 m/s for 30 ms.

@@ -29,7 +29,7 @@ is none: status 1, nothing written, and what lies far from the start values is p
 import argparse
 
 from corridor.core.command import model as _model
-from corridor.core.command.options import Line, announce_compilation, flag, option, say, wrote
+from corridor.core.command.options import Line, announce_compilation, flag, say, wrote
 
 _COLUMNS = """\
 cost: half the sum of squared residuals over their sigmas; damping: 0 is a full Gauss-Newton step;
@@ -42,11 +42,7 @@ OPTIONS = _model.table(
     effect="estimate this effect too (commas, may be repeated; `corridor effects` lists them)",
     prior="prior of one parameter, camera.NAME.f or SLUG.parameter (may be repeated)",
 ) | {
-    "--loss": option(
-        "squares (default), huber:2 or cauchy:2: from how many sigmas on residuals weigh less",
-        "LOSS",
-        default="squares",
-    ),
+    "--loss": {},
     "--lever-arm": {},
     "--reject-gnss": flag(
         "leave out antenna positions beyond five sigmas (false fixes) and adjust again"

@@ -58,7 +58,8 @@ def _opening(subject: Subject) -> str:
     if not subject.tied_to_ground:
         return f"{said} No accuracy on the ground is stated: it is a free network."
     if count < LEAST:
-        none = "there is no check point" if not count else f"there are {count} of them only"
+        none = f"there {'is' if count < 2 else 'are'} only {counted(count, 'check point')}"
+        none = none if count else "there is no check point"
         return f"{said} No accuracy on the ground is stated: {none}."
     rms = adjusted.check_rms
     return (
@@ -90,9 +91,11 @@ def _project(subject: Subject) -> Table:
 
 def _orientation(subject: Subject) -> Table:
     poses = subject.adjustment.poses
+    large = float(np.nanmax(poses[["sx", "sy", "sz"]].to_numpy(float))) >= 1.0
+    far, length = (1.0, "m") if large else (1e3, "mm")
     rows = []
     for name, column, factor, unit in (
-        ("X", "sx", 1e3, "mm"), ("Y", "sy", 1e3, "mm"), ("Z", "sz", 1e3, "mm"),
+        ("X", "sx", far, length), ("Y", "sy", far, length), ("Z", "sz", far, length),
         ("about x", "s_rx", 1e3 * 180 / math.pi, "mdeg"),
         ("about y", "s_ry", 1e3 * 180 / math.pi, "mdeg"),
         ("about z", "s_rz", 1e3 * 180 / math.pi, "mdeg"),

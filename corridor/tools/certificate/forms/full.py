@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from corridor.core.output import Table, fixed
+from corridor.core.output import Table, fixed, short
 from corridor.tools.certificate.forms import asprs, din18740
 from corridor.tools.certificate.statement import MOST_LISTED, Statement, Subject
 
@@ -25,7 +25,15 @@ def statement(subject: Subject) -> Statement:
     others = [
         table
         for title, table in subject.reported.items()
-        if title in ("Variance components", "Effects", "Reliability", "Strong correlations")
+        if title
+        in (
+            "Variance components",
+            "Effects",
+            "Reliability",
+            "Distances",
+            "Points",
+            "Strong correlations",
+        )  # fmt: skip
     ]
     tables = [*proof.tables[:-1], _correlations(subject), *others, _control(subject)]
     points = subject.checked
@@ -67,26 +75,45 @@ def _correlations(subject: Subject) -> Table | None:
 
 
 def _control(subject: Subject) -> Table | None:
-    """Reliability of each coordinate of control."""
-    table = subject.adjustment.reliability.control
+    """Reliability of each control point, its three coordinates side by side."""
+    reliability = subject.adjustment.reliability
+    table = reliability.control
     if not len(table):
         return None
-    order = np.argsort(-np.abs(table["w"].to_numpy(float)), kind="stable")[:MOST_LISTED]
+    numbers = {
+        name: table[name].to_numpy(float).reshape(-1, 3)
+        for name in ("redundancy", "w", "least_error", "predicted")
+    }
+    hidden = reliability.external
+    moved = np.nan_to_num(hidden["moved"].to_numpy(float)).reshape(-1, 3)
+    most = moved.argmax(axis=1)
+    at = hidden["at"].to_numpy(object).reshape(-1, 3)
+    order = np.argsort(-np.abs(numbers["w"]).max(axis=1), kind="stable")[:MOST_LISTED]
     rows = tuple(
-        (f"{row.point} {row.axis}", fixed(row.redundancy, 2), fixed(row.w, 1),
-         _mm(row.least_error), fixed(row.external, 1), _mm(row.predicted), _mm(row.s_predicted))
-        for row in table.iloc[np.sort(order)].itertuples(index=False)
-    )  # fmt: skip
+        (
+            short(table["point"].iloc[3 * k], 16),
+            *(fixed(x, 2) for x in numbers["redundancy"][k]),
+            *(fixed(x, 1) for x in numbers["w"][k]),
+            *(_mm(x) for x in numbers["least_error"][k]),
+            *(_mm(x) for x in numbers["predicted"][k]),
+            _mm(moved[k, most[k]]),
+            short(at[k, most[k]], 12),
+        )
+        for k in np.sort(order)
+    )
     notes = [
-        "least error: found with 80 % where one good of a thousand is accused; external: by how "
-        "many of its standard deviations one that is not found moves any unknown at the most; "
-        "predicted: given minus what all other measurements say of the point; mm"
+        "redundancy: share of an error that its residual shows; least error: found with 80 % where "
+        "one good of a thousand is accused; predicted: given minus what all other measurements say "
+        "of the point; moves: what the least error, if it is not found, moves most, and where; mm"
     ]
-    if len(rows) < len(table):
-        notes.append(f"the {len(rows)} of {len(table)} with the largest w")
-    header = ("control", "redundancy", "w", "least error", "external", "predicted", "sigma")
-    return Table("Reliability of control", header, rows, "lrrrrrr", tuple(notes))
+    if len(rows) < len(numbers["w"]):
+        notes.append(f"the {len(rows)} of {len(numbers['w'])} with the largest w")
+    header = (
+        "control", "redundancy", "y", "z", "w x", "y", "z", "least error", "y", "z",
+        "predicted", "y", "z", "moves", "at",
+    )  # fmt: skip
+    return Table("Reliability of control", header, rows, "l" + 13 * "r" + "l", tuple(notes))
 
 
 def _mm(value: float) -> str:
-    return "none" if np.isinf(value) else fixed(1e3 * value, 1)
+    return "none" if np.isinf(value) else fixed(1e3 * value, 0 if abs(value) >= 0.1 else 1)

@@ -43,11 +43,7 @@ OPTIONS = _model.table(
     effect="estimate this effect in both dates (commas, may be repeated)",
     prior="prior of one parameter, camera.NAME.f or SLUG.parameter (may be repeated)",
 ) | {
-    "--loss": option(
-        "squares (default), huber:2 or cauchy:2: from how many sigmas on residuals weigh less",
-        "LOSS",
-        default="squares",
-    ),
+    "--loss": {},
     "--lever-arm": {},
     "--reject-gnss": flag("leave out antenna positions beyond five sigmas (false fixes)"),
     "block": option("folder of the block of the first date, or a plan"),

@@ -1,0 +1,253 @@
+"""Distances between points as observations: scale bars, tapes.
+
+The kernels eliminate each point by itself, and a distance ties two together. So the ends of
+distances get their coordinates among the unknowns that images share: with p the point, g where it
+starts and e three shared unknowns,
+
+    g - e - p = 0      with a weight w that is `TIGHT` times what the images know of the point
+    d = |p_1 - p_2|    by the unknowns e of its two ends
+
+The first adds three numbers and three unknowns for each end, and a share 1 / TIGHT to the variance
+of the point. A larger weight would lose digits where the point is eliminated (1e-16 TIGHT), and
+hide from the search for what is open (`datum.OPEN`) that a distance of some decimetres' standard
+deviation gives a scale.
+Source: Triggs et al. 2000, section 6 (elimination of the points); Luhmann et al., "Close-range
+photogrammetry and 3D imaging", section 4.4.3 (scale by distances).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from corridor.core.adjustment.observations import Control, Network
+from corridor.core.adjustment.unknowns import State, Unknown, Unknowns
+from corridor.core.block import Block
+from corridor.core.errors import some
+from corridor.core.output import with_units
+
+if TYPE_CHECKING:
+    from corridor.core.adjustment.covariance import Covariance
+    from corridor.core.adjustment.problem import Problem
+
+# Kind of an unknown, and where its value lives among those of the effects.
+END, ENDS = "distance", "distance ends"
+TIGHT = 1e5
+# What a bar or a tape is known to where distances.csv does not say it, m.
+SIGMA_M = 0.001
+
+
+@dataclass
+class Distances:
+    """Measured distances between points.
+
+    end_names (e,): of the points at their ends; end_start (e, 3): where they start, m.
+    distance_ends (k, 2): among them; distance_given (k,), m; distance_weight (k,), 1/m^2;
+    distance_rows (k,): of distances.csv.
+    """
+
+    end_names: list[str]
+    end_start: np.ndarray
+    distance_ends: np.ndarray
+    distance_given: np.ndarray
+    distance_weight: np.ndarray
+    distance_rows: np.ndarray
+
+
+def distances_of(
+    block: Block, network: Network, control: Control
+) -> tuple[Distances, Control, list[str]]:
+    """The distances of a block, its control with a row for each of their ends, and sentences on
+    what is not used: ends that no image shows, or that are control points, which hold them."""
+    notes: list[str] = []
+    table = block.distances
+    known, at = _numbers(block, network), {}
+    rows, ends = [], []
+    lost: dict[str, list[str]] = {"no image shows": [], "control holds": []}
+    for row, pair in enumerate(zip(table["from"], table["to"], strict=True)):
+        numbers = [known.get(name, -1) for name in pair]
+        hidden = [name for name, number in zip(pair, numbers, strict=True) if number < 0]
+        held = [
+            name
+            for name, number in zip(pair, numbers, strict=True)
+            if number >= 0 and control.control[number] >= 0
+        ]
+        if hidden or held:
+            lost["no image shows" if hidden else "control holds"] += hidden or held
+            continue
+        rows.append(row)
+        ends.append([at.setdefault(number, len(at)) for number in numbers])
+    for why, names in lost.items():
+        if names:
+            notes.append(
+                f"Distances to {some(dict.fromkeys(names), 5)} are not used: {why} "
+                f"{'this point' if len(set(names)) == 1 else 'these points'}."
+            )
+    points = np.array(list(at), dtype=np.int64)
+    start = network.point_start[points].reshape(-1, 3)
+    c = len(control.control_rows)
+    of_point = control.control.copy()
+    of_point[points] = c + np.arange(len(points))
+    weight = TIGHT * _information(block, network, points)
+    control = replace(
+        control,
+        control=of_point,
+        control_given=np.concatenate([control.control_given, start]),
+        control_weight=np.concatenate([control.control_weight, weight]),
+    )
+    names = {number: name for name, number in known.items()}
+    given = block.column("distances", "distance")[rows]
+    sigma = block.column("distances", "sigma")[rows]
+    found = Distances(
+        [names[number] for number in points.tolist()],
+        start,
+        np.array(ends, dtype=np.int64).reshape(-1, 2),
+        given,
+        np.where(np.isnan(sigma), SIGMA_M, sigma) ** -2.0,
+        np.array(rows, dtype=np.int64),
+    )
+    return found, control, notes
+
+
+def _numbers(block: Block, network: Network) -> dict[str, int]:
+    """Number in the network of each point that a distance names."""
+    if not len(block.distances):
+        return {}
+    ties, marks = (t["point"].dtype.categories for t in (block.tie_points, block.marks))
+    names = (ties.append(marks) if len(marks) else ties).to_numpy(dtype=object)
+    named = set(block.distances["from"]) | set(block.distances["to"])
+    mine = np.flatnonzero(np.isin(names, list(named)))
+    place = np.full(len(names), -1)
+    place[network.point_codes] = np.arange(len(network.point_codes))
+    return {str(names[code]): int(place[code]) for code in mine if place[code] >= 0}
+
+
+def _information(block: Block, network: Network, points: np.ndarray) -> np.ndarray:
+    """About what images know of each coordinate of points (e, 3), 1/m^2: f / (depth sigma), each
+    ray squared."""
+    out = np.zeros((len(points), 3))
+    if not len(points):
+        return out
+    centre = block.numbers("images", *"xyz")[network.order]
+    focal = np.array([camera["f"] for camera in block.cameras.values()])
+    focal = focal[block.image_camera[network.order]]
+    weight = np.broadcast_to(network.weight, len(network.img))
+    for k, point in enumerate(points):
+        rays = slice(network.ptr[point], network.ptr[point + 1])
+        image = network.img[rays]
+        depth = np.linalg.norm(network.point_start[point] - centre[image], axis=1)
+        out[k] = np.sum((focal[image] * weight[rays] / np.maximum(depth, 1e-9)) ** 2)
+    return out
+
+
+def with_ends(unknowns: Unknowns, distances: Distances) -> Unknowns:
+    """The unknowns, with the coordinates of the ends behind those that images share."""
+    e = len(distances.end_names)
+    if not e:
+        return unknowns
+    first, before = len(unknowns.unknowns), unknowns.ground_column
+    shared = [
+        *unknowns.unknowns,
+        *(Unknown(END, ENDS, axis, name, "m", (k, at))
+          for k, name in enumerate(distances.end_names) for at, axis in enumerate("xyz")),
+    ]  # fmt: skip
+    column = np.full((len(before) + e, before.shape[1] + 3), -1)
+    column[: len(before), :-3] = before
+    column[len(before) :, -3:] = first + np.arange(3 * e).reshape(e, 3)
+    return replace(unknowns, unknowns=shared, ground_column=column)
+
+
+def ground_with_ends(
+    p: Problem, state: State, residual: np.ndarray, derivative: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (c + e, 3), m, and derivatives (c + e, 3, k + 3) of control with those of ends."""
+    e, c = len(p.end_names), len(residual)
+    if not e:
+        return residual, derivative
+    points = np.empty((c + e, 3))
+    rows = np.flatnonzero(p.control >= 0)
+    points[p.control[rows]] = state.points[rows]
+    of_ends = p.end_start - points[c:] - state.effects[ENDS]
+    out = np.zeros((c + e, 3, derivative.shape[2] + 3))
+    out[:c, :, :-3] = derivative
+    out[c:, :, -3:] = np.eye(3)
+    return np.concatenate([residual, of_ends]), out
+
+
+def _ends(p: Problem, state: State) -> np.ndarray:
+    """Where the ends of distances are (e, 3), m."""
+    return p.end_start - state.effects.get(ENDS, 0.0)
+
+
+def distance_rows(p: Problem, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Residuals (k,), measured minus modelled, m, with the derivatives (k, 6) of the modelled and
+    the columns (k, 6) among the shared unknowns that they are by."""
+    place = _ends(p, state)
+    one, other = p.distance_ends.T
+    apart = place[one] - place[other]
+    length = np.linalg.norm(apart, axis=1)
+    unit = apart / np.maximum(length, 1e-300)[:, None]
+    first = p.shared_count - 3 * len(p.end_names)
+    columns = first + 3 * p.distance_ends[:, :, None] + np.arange(3)
+    by = np.concatenate([-unit, unit], axis=1)
+    return p.distance_given - length, by, columns.reshape(-1, 6)
+
+
+def add_distances(normal, p: Problem, state: State, matrix: bool) -> float:
+    """Add the distances to what images share; twice their cost."""
+    if not len(p.distance_given):
+        return 0.0
+    residual, by, columns = distance_rows(p, state)
+    np.add.at(normal.shared_gradient, columns, by * (p.distance_weight * residual)[:, None])
+    if matrix:
+        for row, at, weight in zip(by, columns, p.distance_weight, strict=True):
+            block = weight * np.outer(row, row)
+            normal.shared_block[at[:, None], at] += np.where(at[:, None] >= at, block, 0.0)
+            normal.shared_reference[at] += np.diag(block)
+    return float(np.sum(p.distance_weight * residual**2))
+
+
+def ends_at_points(p: Problem, state: State) -> State:
+    """The state with the coordinates of the ends where their points are."""
+    if not p.end_names:
+        return state
+    at = np.flatnonzero(p.control >= len(p.control_rows))
+    ends = np.empty_like(p.end_start)
+    ends[p.control[at] - len(p.control_rows)] = state.points[at]
+    return replace(state, effects=state.effects | {ENDS: p.end_start - ends})
+
+
+def scale_of(p: Problem, state: State) -> float:
+    """By how much the points are too small for the distances: weighted mean ratio."""
+    place = _ends(p, state)
+    one, other = p.distance_ends.T
+    length = np.linalg.norm(place[one] - place[other], axis=1)
+    weight = p.distance_weight * length**2
+    return float(np.sum(weight * p.distance_given / length) / np.sum(weight))
+
+
+def table_of(p: Problem, state: State, covariance: Covariance, sigma0: float) -> pd.DataFrame:
+    """Each distance with its test: from, to, given, sigma, v (given minus adjusted), m, redundancy,
+    w, least_error (found with 80 % where one good of a thousand is accused), m.
+    """
+    from corridor.core.adjustment.reliability import DELTA, SHOWN
+
+    shared = covariance.shared if len(p.distance_given) else np.zeros((0, 0))
+    frame = p.block.distances.iloc[p.distance_rows][["from", "to"]].reset_index(drop=True)
+    sigma = p.distance_weight**-0.5
+    residual, by, columns = distance_rows(p, state)
+    known = np.array(
+        [row @ shared[np.ix_(at, at)] @ row for row, at in zip(by, columns, strict=True)]
+    ).reshape(-1)
+    share = np.clip(1.0 - p.distance_weight * known, 0.0, 1.0)
+    shown = share > max(SHOWN, 10.0 / TIGHT)
+    root = np.sqrt(np.where(shown, share, np.nan))
+    frame["given"], frame["sigma"], frame["v"] = p.distance_given, sigma, residual
+    frame["s_adjusted"] = sigma0 * np.sqrt(known)
+    frame["redundancy"] = np.where(shown, share, 0.0)
+    frame["w"] = residual / sigma / root
+    frame["least_error"] = np.where(shown, DELTA * sigma / root, np.inf)
+    return with_units(frame, {"m": "given sigma v s_adjusted least_error"})

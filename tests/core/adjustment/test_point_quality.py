@@ -1,0 +1,79 @@
+"""Angles of rays and correlations within points, and precision in a datum of one's choice."""
+
+import numpy as np
+import pytest
+from strips import corridor_block
+from test_distances import flown
+
+import corridor
+from corridor.core.adjustment import point_gains
+from corridor.core.errors import InputError
+from corridor.core.geometry import helmert_motions
+
+
+@pytest.fixture(scope="module")
+def adjusted():
+    block = corridor_block(
+        images=8, strips=2, observations_per_image=25, control=3, check=2, seed=1
+    )
+    return corridor.adjust(block, camera="fixed")
+
+
+def whole(adjusted):
+    """Covariance (3 n, 3 n) of all points together, for unit weight."""
+    count = len(adjusted.points)
+    gains = point_gains(adjusted.system, np.arange(count))
+    k = gains.gain.toarray()
+    out = k.T @ adjusted.covariance.solve(k)
+    for n, own in enumerate(gains.own):
+        out[3 * n : 3 * n + 3, 3 * n : 3 * n + 3] += own
+    return out
+
+
+def test_angles_are_those_between_every_two_rays(adjusted):
+    p, state = adjusted.problem, adjusted.state
+    table = adjusted.point_quality
+    for n in range(0, len(table), 7):
+        rays = state.points[n] - state.centre[p.img[p.ptr[n] : p.ptr[n + 1]]]
+        rays /= np.linalg.norm(rays, axis=1)[:, None]
+        angles = [np.degrees(np.arccos(min(abs(a @ b), 1.0))) for a in rays for b in rays]
+        assert table["angle"].iloc[n] == pytest.approx(max(angles), abs=1e-5)
+
+
+def test_correlations_are_those_of_the_covariance_of_the_point(adjusted):
+    full = whole(adjusted)
+    for n in (0, 11, 30):
+        part = full[3 * n : 3 * n + 3, 3 * n : 3 * n + 3]
+        size = np.sqrt(np.diag(part))
+        found = np.abs(part / size[:, None] / size)[np.triu_indices(3, 1)].max()
+        assert adjusted.point_quality["correlation"].iloc[n] == pytest.approx(found, abs=1e-8)
+
+
+@pytest.mark.parametrize("scale", [True, False])
+def test_precision_without_the_datum_is_that_of_the_whole_covariance_transformed(adjusted, scale):
+    """S C S' with all points at once, by a dense matrix."""
+    c = whole(adjusted)
+    xyz = adjusted.state.points
+    g = helmert_motions(xyz).reshape(-1, 7)[:, : 7 if scale else 6]
+    table = adjusted.relative_precision(scale=scale)
+    assert len(table) == len(xyz)
+    s = np.eye(len(c)) - g @ np.linalg.pinv(g)
+    expected = adjusted.sigma0 * np.sqrt(np.diag(s @ c @ s.T)).reshape(-1, 3)
+    assert table[["sx", "sy", "sz"]].to_numpy() == pytest.approx(expected, rel=1e-6, abs=1e-9)
+
+
+def test_the_datum_of_a_free_network_does_not_depend_on_where_it_was_laid():
+    """The same points carry it whether the network came with control, or free."""
+    tied = corridor.adjust(flown(free=False, noise=False), camera="fixed", lever_arm="fixed")
+    names = [f"{name}" for name in tied.points["point"].iloc[::40]]
+    one = tied.relative_precision(names)
+    assert set(names) <= set(one["point"])
+    carried = one[one["point"].isin(names)][["sx", "sy", "sz"]].to_numpy()
+    assert np.median(carried) < np.median(one[["sx", "sy", "sz"]].to_numpy())
+
+
+def test_points_on_a_line_and_unknown_names_are_refused(adjusted):
+    with pytest.raises(InputError, match="carry no datum"):
+        adjusted.relative_precision(adjusted.points["point"].iloc[:1])
+    with pytest.raises(InputError, match="no adjusted point"):
+        adjusted.relative_precision(["nobody"])
