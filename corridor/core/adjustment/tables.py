@@ -83,8 +83,7 @@ class Tables(Checked):
 
     def _placed(self, sigma: np.ndarray) -> Block:
         p, state = self.problem, self.state
-        block = p.block.copy()
-        block.put("images", POSE, self.pose)
+        block = self._posed.copy()
         block.cameras = {
             name: camera.with_interior(interior)
             for (name, camera), interior in zip(block.cameras.items(), state.interior, strict=True)
@@ -93,12 +92,23 @@ class Tables(Checked):
         if len(block.gnss) or (block.ground["role"] == "control").sum() > 2:
             # Metres now, and no longer the free frame of a reconstruction.
             block.extra = {key: value for key, value in block.extra.items() if key != FRAME}
-        for slug, member in p.stack.members.items():
-            block = member.effect.restated(block, state.effects[slug])
         if p.arms_free:
             block.lever_arm = {
                 name: tuple(arm) for name, arm in zip(block.flight_names, state.arms, strict=True)
             }
+        return block
+
+    @cached_property
+    def _posed(self) -> Block:
+        """The block with adjusted poses, and what effects state anew."""
+        p, state = self.problem, self.state
+        pose = np.empty((p.image_count, 7))
+        pose[p.order, :3] = state.centre
+        pose[p.order, 3:] = quaternion_from_rotation(state.rotation)
+        block = p.block.copy()
+        block.put("images", POSE, pose)
+        for slug, member in p.stack.members.items():
+            block = member.effect.restated(block, state.effects[slug])
         return block
 
     @frugal()
@@ -132,11 +142,7 @@ class Tables(Checked):
     @property
     def pose(self) -> np.ndarray:
         """(images, 7): x, y, z and qw, qx, qy, qz in the order of images.csv."""
-        p, state = self.problem, self.state
-        pose = np.empty((p.image_count, 7))
-        pose[p.order, :3] = state.centre
-        pose[p.order, 3:] = quaternion_from_rotation(state.rotation)
-        return pose
+        return self._posed.poses
 
     # --- residuals ---------------------------------------------------------------------------
 

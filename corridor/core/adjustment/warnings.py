@@ -379,7 +379,10 @@ def _insignificant(a):
         ]
         yield f"Not significantly different from zero: {'; '.join(names)}."
     told = a.effects[a.effects["sigma"] > 0]
+    members, block = a.problem.stack.members, a.problem.block
     for slug, mine in told.groupby("slug", sort=False):
+        if members[slug].effect.believed(block):
+            continue
         share = (mine["value"] / mine["sigma"]).abs()
         # Of many values some reach two sigmas by chance; all together, two sigmas do not.
         if len(mine) <= 10 and share.max() < 2.0:

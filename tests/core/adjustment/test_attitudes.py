@@ -312,6 +312,11 @@ class TestWhatIsTold:
                          for f in (found, again))  # fmt: skip
         assert (after - before) / 0.02 == pytest.approx(part, abs=0.02)
 
+    def test_what_comes_with_attitudes_is_not_called_superfluous(self, block):
+        found = corridor.adjust(with_attitudes(block))
+        assert len(found.effects) == 3
+        assert not any("is not shown by this block" in sentence for sentence in found.warnings)
+
     def test_a_wrong_frame_is_told(self, block):
         wrong = with_attitudes(block)
         wrong.extra["attitudes"] = {"frame": "camera"}

@@ -77,6 +77,10 @@ class TestPerfectFlights:
         found = corridor.adjust(start, lever_arm="fixed")
         assert max(off(found, block)) < 1e-9
         # And the result states it: nothing is left to be added.
+        assert found.pose == pytest.approx(found.block.poses, abs=0)
+        assert found.poses[["x", "y", "z"]].to_numpy() == pytest.approx(
+            block.poses[:, :3], abs=1e-9
+        )
         again = corridor.adjust(found.block, lever_arm="fixed")
         assert again.effects["value"].abs().max() < 1e-9
         assert max(off(again, block)) < 1e-9
