@@ -271,6 +271,7 @@ def told(verdict, effects=(), unknown=(), check=(0.0195, 0.0041), tie=(0.279, 0.
         SimpleNamespace(
             verdict=verdict, block=None, level=0.01, alarms=[], untestable=[], check_sigmas=None,
             p_nothing=0.46, halves=Halves(),
+            course=SimpleNamespace(candidates=SimpleNamespace(effects=[])),
             findings=SimpleNamespace(effects=list(effects), unknown=list(unknown)),
             detection_limits=limits or {},
             gap={

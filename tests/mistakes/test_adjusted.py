@@ -61,7 +61,7 @@ ADJUSTED = {
         "--prior camera.camlight.k1=0.05+-0.0005",
     ),
     "an effect that is not there": (
-        lambda folder: None, 0, "gnss_drift is not shown by this block", "--effect gnss_drift"
+        lambda folder: None, 0, "does not show the effect gnss_drift", "--effect gnss_drift"
     ),
     "y upwards": (
         images(lambda f: f.assign(y=HEIGHT - 1 - f["y"])), 1, "counted upwards", "--iterations 6"

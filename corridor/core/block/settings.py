@@ -157,7 +157,12 @@ def write_settings(block, folder: Path) -> None:
             toml[key] = getattr(block, key)
     toml["offset"] = block.offset
     toml |= {key: value for key, value in block.extra.items() if not isinstance(value, dict)}
-    toml["sigma"] = block.sigma
+    toml["sigma"] = dict(block.sigma)
+    if (
+        not len(block.attitudes)
+        and tuple(toml["sigma"].get("attitude_deg", ())) == SIGMA["attitude_deg"]
+    ):
+        del toml["sigma"]["attitude_deg"]
     if block.lever_arm:
         toml["lever_arm"] = dict(block.lever_arm)
         if block.lever_arm_fixed:

@@ -60,7 +60,7 @@ def vector_from_rotation(rotation: np.ndarray) -> np.ndarray:
 def right_jacobian(vector: np.ndarray) -> np.ndarray:
     """J (n, 3, 3) of rotations by vectors (n, 3): Exp(t + q) = Exp(t) Exp(J q) of a small q.
 
-    Source: Sola, Deray and Atchuthan 2018, "A micro Lie theory", eq. 143.
+    Source: Solà, Deray and Atchuthan 2018, "A micro Lie theory", eq. 143.
     """
     t = np.asarray(vector, dtype=float)
     a = np.linalg.norm(t, axis=-1)[:, None, None]

@@ -86,7 +86,7 @@ def _offset(track, exposures, systems, time, notes) -> float:
             than = f"{other.source.name} is in {opposite}" if opposite else "nor does the other"
             raise InputError(
                 f"{of.source.name} does not say in which time system its times are ({than}); give "
-                f"it with {option}: GPST, UTC, or UTC+hh:mm for a clock that shows a zone's time"
+                f"{option} with GPST, UTC, or UTC+hh:mm for a clock that shows a zone's time"
             )
     day = track.day or exposures.day or "2017-01-01"
     offset = ahead_of_utc(systems[0], day) - ahead_of_utc(systems[1], day)

@@ -66,7 +66,7 @@ def add_noise(block: Block, noise: Noise, seed: int = 0) -> Block:
         if sigma > 0:
             block.sigma[key] = float(sigma)
     for key, three in (("gnss_m", gnss), ("control_m", control), ("attitude_deg", attitude)):
-        if np.all(three > 0):
+        if np.all(three > 0) and (key != "attitude_deg" or len(block.attitudes)):
             block.sigma[key] = three.copy()
     return block
 

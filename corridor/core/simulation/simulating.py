@@ -185,7 +185,7 @@ def perfect_block(
         ),
         extra=_constants(plan),
         gnss=pd.DataFrame({"image": image_name, **_xyz(flown.antenna)})[flown.leads & plan.gnss],
-        attitudes=flown.table[["image", *QUATERNION]][flown.leads & plan.attitudes],
+        attitudes=flown.table[["image", *QUATERNION]][flown.leads] if plan.attitudes else None,
         # One weight for all image points, as long as no noise says otherwise.
         sigma={"tie_px": 0.5, "mark_px": 0.5},
         lever_arm={f.name: (*f.lever_arm_m,) for f in plan.flights} if plan.gnss else {},

@@ -158,7 +158,7 @@ class TestWhatTheTrackDoesNotState:
         made = interpolate(track, exposures(track, 1))
         # The grid of the search has steps of 1.8.
         assert made.noise["sigma_m"].to_numpy() == pytest.approx(SIGMA[[0, 2]], rel=0.45)
-        assert any("states no sigmas" in note for note in made.notes)
+        assert any("states no standard deviations" in note for note in made.notes)
 
     def test_the_sigma_of_the_velocities_is_found(self):
         flight = flown(2)

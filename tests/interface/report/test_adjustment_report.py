@@ -175,7 +175,7 @@ class TestText:
     def test_whether_it_is_good_enough_nobody_knows_without_check_points(self, block):
         made = adjustment(dataclasses.replace(block, ground=None, marks=None), required=0.02)
         assert opening_of(made).startswith("Whether it is good enough is not known: 20 mm")
-        assert "--check ID,ID" in " ".join(report.of_adjustment(made).actions)
+        assert "survey points on the ground" in " ".join(report.of_adjustment(made).actions)
 
     def test_at_most_three_actions_are_numbered_and_no_command_is_broken(self, block):
         made = adjustment(block, required=1e-3, sigma0=2.0)

@@ -102,12 +102,16 @@ def test_a_project_before_its_adjustment_is_adjusted(adjusted, tmp_path):
 
 
 def test_a_camera_is_not_held_to_cover_another_mistake(tmp_path):
-    """Marks of pictures made smaller: held or free, no result is given, and the mistake is told."""
+    """Marks of pictures made smaller: nothing is called good, and the mistake is told.
+
+    Whether a free camera ends at a false optimum or at none is chance.
+    """
     block = survey(control=6)
     block.marks = block.marks.assign(x=0.6 * block.marks["x"], y=0.6 * block.marks["y"])
     block.write(tmp_path / "block")
     checked = check_project(tmp_path / "block", tmp_path / "out", diagnose=False)
-    assert checked.verdict == "failed", checked.sentence
+    assert checked.verdict in {"failed", "not known"}, checked.sentence
+    assert not checked.adjustment.get("held", False)
     assert any("smaller" in told or "pictures of" in told for told in checked.wrong)
 
 

@@ -161,7 +161,7 @@ def test_pictures_turned_by_a_quarter_are_named():
 
 
 @pytest.mark.parametrize(
-    ("flag", "least", "word"), [(16, 3.0, "single"), (34, 0.5, "float"), (52, 3.0, "no fix")]
+    ("flag", "least", "word"), [(16, 3.0, "single"), (34, 0.5, "float"), (52, 3.0, "not a fix")]
 )
 def test_positions_that_are_no_fix_are_named_and_not_believed(flag, least, word):
     fix = photo(lat_deg=47.0, lon_deg=8.0, sigma=(0.01, 0.01, 0.02), flag=50)

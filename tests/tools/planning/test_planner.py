@@ -11,6 +11,7 @@ from corridor.core.adjustment import Model
 from corridor.core.errors import InputError
 from corridor.tools.planning import GnssNoise, Planner, Surveyed
 from corridor.tools.planning.detection import detectable
+from corridor.tools.planning.planner import Believed
 
 QUIET = GnssNoise()
 
@@ -330,7 +331,7 @@ class TestControlPoints:
         [
             (["nowhere"], "no point nowhere could be surveyed"),
             ([(5000.0, 0.0)], "seen in 0 images"),
-            ([("a", "b")], "is no point"),
+            ([("a", "b")], "is not a point"),
             (-1, "-1 control points"),
             (1000, "39 candidates are there"),
             (lambda p: list(p.check_points["point"]), "every check point is control"),
@@ -390,6 +391,6 @@ def test_a_level_of_detection_is_that_of_the_model_that_is_given(nadir, monkeypa
     )
     model = Model(camera="fixed", effects=["gnss_bias"], lever_arm="fixed")
     for options in ({"model": model}, {"camera": "fixed"}):
-        detectable(nadir.plan, nadir.block, options)
+        detectable(nadir.plan, nadir.block, Believed(**options))
     assert asked[0] == model
     assert (asked[1].camera, asked[1].lever_arm) == ("fixed", "free")

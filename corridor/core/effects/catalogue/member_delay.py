@@ -1,6 +1,6 @@
 """A member of a rig fires late: it has moved on, and turned, since its rig's exposure.
 
-Source: Rupnik, Nex and Remondino 2015, section 3 (synchronisation of the members); motion as of
+Source: Rupnik, Nex and Remondino 2014, section 3 (synchronisation of the members); motion as of
 Zhou 2019, section 5.2.
 """
 

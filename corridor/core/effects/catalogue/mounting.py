@@ -1,6 +1,6 @@
 """A member of a rig does not hang where it was said to hang: a shift and a turn for each member.
 
-Source: Rupnik, Nex and Remondino 2015, "Oblique multi-camera systems", section 3 (relative
+Source: Rupnik, Nex and Remondino 2014, "Oblique multi-camera systems", section 3 (relative
 orientation of the members, shared by all exposures).
 """
 

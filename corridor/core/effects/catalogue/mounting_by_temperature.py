@@ -1,6 +1,6 @@
 """The head of a rig bends as it warms: the mountings of its members follow the temperature.
 
-Source: Rupnik, Nex and Remondino 2015 (stability of the relative orientation), linear in
+Source: Rupnik, Nex and Remondino 2014 (stability of the relative orientation), linear in
 temperature.
 """
 

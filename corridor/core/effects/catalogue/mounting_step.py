@@ -2,7 +2,7 @@
 
 The moment is the longest pause between exposures: a landing, or the turn between two strips.
 
-Source: Rupnik, Nex and Remondino 2015 (stability of the relative orientation); the moment: this
+Source: Rupnik, Nex and Remondino 2014 (stability of the relative orientation); the moment: this
 project.
 """
 

@@ -24,7 +24,7 @@ A plan without a table [noise] is flown with ordinary noise; `corridor.simulate`
 none that it is not told of.
 
 Keys of a plan (`corridor.simulation.Plan` and the types beside it say what each means):
-  head          name, axis_m, bend_radius_m, gnss, source, description
+  head          name, axis_m, bend_radius_m, gnss, attitudes, source, description
   [[flight]]    name, height_m, camera, strips, offsets_m, images, forward, side, speed_m_s,
                 interval_s, stations_m, tilt_deg, look, heading, direction, long_side,
                 attitude_jitter_deg, position_jitter_m, velocity_jitter_m_s, angular_rate_deg_s,
@@ -32,9 +32,11 @@ Keys of a plan (`corridor.simulation.Plan` and the types beside it say what each
   [terrain]     relief_m, level_m, roughness_m
   [tie_points]  per_image, border_px, match_angle_deg, match_scale
   [ground]      control, check, layout, every_m, offset_m, check_from_ties, within_m
-  [noise]       tie_px, mark_px, gnss_m, control_m, outliers, rounding_px, gnss_slow, gnss_slow_s
+  [noise]       tie_px, mark_px, gnss_m, control_m, attitude_deg, outliers, rounding_px, gnss_slow,
+                gnss_slow_s
   [start]       centre_m, rotation_deg, points_m, camera
   [camera.NAME]  as in block.toml
+  [rig.NAME]     as in block.toml: flights with the camera of its base carry the other members
   [effects.SLUG] PARAMETER = VALUE
   [effect.SLUG]  what that effect has to know of the block, as in block.toml
 
