@@ -26,8 +26,8 @@
 # published survey whose tables do not come out.
 #
 # You need to know what a bundle adjustment is, and what a check point is. Chapter 4 says what a
-# rolling shutter does. *Run time on one core: about 5 minutes; in the fast form about 70
-# seconds.*
+# rolling shutter does.
+# *Run time on one core: about 5 minutes; in the fast form about 70 seconds.*
 
 # %% tags=["parameters"]
 fast = False  # fewer simulated counterparts and geometries, and no real flights
@@ -572,11 +572,12 @@ picture
 # With shutter and clock alone the focal length even moves away from the data sheet, and with all
 # that is named it comes halfway. Only with a sensor that is uneven by half a pixel does it arrive,
 # within little more than its sigma. The diagnosis sees that shape too ("outside the catalogue"),
-# and rightly does not call it a cause: nothing in this flight tells a sensor from a lens.
+# and rightly does not call it a cause: nothing in this flight separates a sensor from a lens.
 #
 # And all that this flight knows of its readout it knows from nine photographs at the ends of the
-# strips, where the drone stood nearly still. (Chapter 4's `readout flight` has another value and a
-# larger sigma for the same flight: it leaves out whole strips to see how the result wanders.)
+# strips, where the drone stood nearly still. (Chapter 4's `readout flight` finds the same within
+# its sigma: it is the same adjustment, and it also leaves out whole strips to see how the result
+# wanders.)
 
 # %% [markdown]
 # ## 10. Your turn: hide something in a real flight
