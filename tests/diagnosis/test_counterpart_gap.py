@@ -63,6 +63,14 @@ class TestBand:
         assert not compared.leaving and compared.gap == 0.0
 
 
+# What a flight without attitudes and rigs can show; test_attitudes and test_rigs have the others.
+PLAIN = [
+    effect.slug
+    for effect in every_effect()
+    if not effect.generic and not {"attitudes.image", "rig.member"} & set(effect.needs)
+]
+
+
 class TestNothingIsMissing:
     @pytest.mark.slow
     def test_about_one_statistic_in_twenty_leaves(self):
@@ -123,7 +131,7 @@ class TestSomethingIsMissing:
         assert gap.table["excess_before"].sum() > 10 * gap.table["excess_after"].sum()
 
     @pytest.mark.slow
-    @pytest.mark.parametrize("slug", [e.slug for e in every_effect() if not e.generic])
+    @pytest.mark.parametrize("slug", PLAIN)
     def test_of_ratio_ten_every_effect_of_the_catalogue(self, slug):
         """Nine tenths of the gap close in two of three draws, but where noise explains as much.
 

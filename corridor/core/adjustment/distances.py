@@ -64,7 +64,8 @@ def distances_of(
     what is not used: ends that no image shows, or that are control points, which hold them."""
     notes: list[str] = []
     table = block.distances
-    known, at = _numbers(block, network), {}
+    known = _numbers(block, network)
+    at: dict[int, int] = {}
     rows, ends = [], []
     lost: dict[str, list[str]] = {"no image shows": [], "control holds": []}
     for row, pair in enumerate(zip(table["from"], table["to"], strict=True)):
@@ -98,11 +99,11 @@ def distances_of(
         control_given=np.concatenate([control.control_given, start]),
         control_weight=np.concatenate([control.control_weight, weight]),
     )
-    names = {number: name for name, number in known.items()}
+    named = {number: name for name, number in known.items()}
     given = block.column("distances", "distance")[rows]
     sigma = block.column("distances", "sigma")[rows]
     found = Distances(
-        [names[number] for number in points.tolist()],
+        [named[number] for number in points.tolist()],
         start,
         np.array(ends, dtype=np.int64).reshape(-1, 2),
         given,
