@@ -104,8 +104,8 @@ class Course:
         """A sentence on each shape that the last round found and that does nothing."""
         called = {effect.slug: effect.called for effect in self.candidates.effects}
         return [
-            f"Residuals hang together as in {called[key]}; it neither moves the ground nor changes "
-            "the residuals enough to matter, and is no finding."
+            f"Residuals are correlated as in {called[key]}; it neither moves the ground nor "
+            "changes the residuals enough to matter, and is not a finding."
             for key in self.last.log["idle"]
         ]
 

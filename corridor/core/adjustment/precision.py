@@ -47,8 +47,8 @@ def in_datum(
     own = carried.T @ carried
     if np.linalg.cond(own) > 1e9:
         raise InputError(
-            "these points lie on a line, or are too few: they carry no datum; name three or more "
-            "that lie around the block"
+            "these points lie on a line, or are too few: they cannot carry a datum; name three "
+            "or more that lie around the block"
         )
     gains = point_gains(covariance.system, points)
     sums = gains.gain.T @ covariance.solve(gains.gain @ carried)

@@ -349,7 +349,7 @@ def with_motion_as_seen(result: Adjustment, again: Again) -> Adjustment:
         result = again(result.block, replace(model, motion=now))
         result.start = start
     result.add_note(
-        f"How much the velocities of the images are off did not settle in {_MOTION_ROUNDS} rounds "
+        f"The size of the errors of the velocities did not settle in {_MOTION_ROUNDS} rounds "
         f"({before.moved:.2g}, then {now.moved:.2g} times what is stated): the readout time "
         "depends on it, and its standard deviation holds for the last of them."
     )

@@ -75,8 +75,8 @@ def rigs_of(block) -> dict[str, dict]:
                     f"{', '.join(block.cameras)}"
                 )
             if camera in owner:
-                raise InputError(f"{where} has camera {camera}, as rig {owner[camera]} has: one "
-                                 "camera hangs in one place")  # fmt: skip
+                raise InputError(f"{where} has camera {camera}, which rig {owner[camera]} has too: "
+                                 "keep it in one of them")  # fmt: skip
             owner[camera] = name
         for camera, table in members.items():
             _check_member(f"block.toml: [rig.{name}.member.{camera}]", table)
@@ -90,7 +90,7 @@ def _check_member(where: str, table: object) -> None:
         if key not in _KEYS:
             raise InputError(f"{where} has no {key}: use {', '.join(_KEYS)}")
     if ("xyz" in table) != ("quaternion" in table):
-        raise InputError(f"{where} is given in part: give xyz and quaternion, or none of them")
+        raise InputError(f"{where} is given in part: give xyz and quaternion, or neither")
     for key, sizes in (("xyz", (3,)), ("quaternion", (4,)), ("sigma_m", (1, 3)),
                        ("sigma_deg", (1, 3))):  # fmt: skip
         if key not in table:
@@ -105,7 +105,7 @@ def _check_member(where: str, table: object) -> None:
             raise InputError(f"{where}: {key} = {table[key]!r} is not {size} numbers"
                              + ", 0 or larger" * key.startswith("sigma"))  # fmt: skip
         if key == "quaternion" and abs(np.linalg.norm(table[key]) - 1) > 0.01:
-            raise InputError(f"{where}: quaternion has not the length 1: give a unit quaternion")
+            raise InputError(f"{where}: the length of quaternion is not 1: give a unit quaternion")
 
 
 def members_of(block) -> dict[str, str]:

@@ -120,7 +120,7 @@ def _form(text: str) -> str:
     """A form of certificates, as the tool that makes them knows them."""
     known = registry.room("certificate").form_names()
     if text not in known:
-        raise argparse.ArgumentTypeError(f"{text!r} is no form: use {', '.join(known)}")
+        raise argparse.ArgumentTypeError(f"{text!r} is not a form: use {', '.join(known)}")
     return text
 
 

@@ -306,7 +306,7 @@ class Plan:
         for camera, mounting in self.mountings.items():
             if not np.isfinite(mounting.place).all():
                 raise InputError(
-                    f"the plan says not how {camera} hangs: add xyz and quaternion to "
+                    f"the plan does not say how {camera} is mounted: add xyz and quaternion to "
                     f"[rig.{mounting.rig}.member.{camera}]"
                 )
 

@@ -167,8 +167,8 @@ class Verification:
         if abs(better) > SETTINGS.check_odds:
             self.notes.append(
                 "The fit cannot decide which control points are wrong "
-                f"({listed_points(groups, [wrong.found])}, or {told}); check points tell, so their "
-                "error afterwards is no longer independent."
+                f"({listed_points(groups, [wrong.found])}, or {told}); check points decide, so "
+                "their error afterwards is no longer independent."
             )
             return
         for one in self.findings.effects:
@@ -247,8 +247,8 @@ class Verification:
                 continue
             self.notes.append(
                 f"Residuals are correlated as in {effect.called} ({one.where}); it neither moves "
-                "the ground nor predicts data that no fit has used clearly better, and is no "
-                "finding."
+                "the ground nor predicts data that no fit has used clearly better, and is "
+                "not a finding."
             )
             self.findings = replace(
                 self.findings, unknown=[k for k in self.findings.unknown if k is not one]

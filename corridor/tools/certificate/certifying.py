@@ -117,8 +117,8 @@ def certify(
     asked = plain({"model": _written(model), "required": required, **more})
     if isinstance(block, Block):
         raise InputError(
-            "a certificate names the files that it is of: write the block (block.write(FOLDER)) "
-            "and give that folder"
+            "a certificate names the files that it was made from: write the block "
+            "(block.write(FOLDER)) and give that folder"
         )
     given = read(block)
     files = hashes(block)
@@ -153,7 +153,7 @@ def hashes(folder: str | os.PathLike) -> dict[str, str]:
     """
     files = files_of(Path(folder))
     if not files:
-        raise InputError(f"{folder} is no folder of a block: its files are not there")
+        raise InputError(f"{folder} is not the folder of a block: its files are not there")
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 

@@ -65,7 +65,9 @@ def verify(certificate: str | os.PathLike, block: str | os.PathLike) -> Verified
 def _record(path: Path, content: bytes) -> dict[str, Any]:
     text = taken_from(content, MARK)
     if text is None:
-        raise InputError(f"{path} is no certificate of corridor: give certificate.html or .pdf")
+        raise InputError(
+            f"{path} is not a certificate made by corridor: give certificate.html or .pdf"
+        )
     try:
         record = json.loads(text)
         record["files"], record["asked"]["model"], record["form"], record["figures"]
@@ -75,7 +77,9 @@ def _record(path: Path, content: bytes) -> dict[str, Any]:
 
 
 def _damaged(path: Path) -> InputError:
-    return InputError(f"{path}: what the certificate says of itself is damaged; make it anew")
+    return InputError(
+        f"{path}: the record inside the certificate is damaged; make the certificate again"
+    )
 
 
 def _files(stated: dict[str, str], found: dict[str, str]) -> list[str]:

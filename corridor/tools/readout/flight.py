@@ -328,8 +328,8 @@ def _swamped(found: FlightReadout, in_camera: np.ndarray) -> str:
     if found.turns is None and found.height * turning > ERRORS_SHARE * spread:
         return (
             f"The camera turned by about {np.degrees(turning):.2g} degrees a second while it was "
-            f"read, which moves its rows like {found.height * turning:.1f} m/s, and nobody wrote "
-            f"that down; the velocities differ by {spread:.2g} m/s only: give rates.csv."
+            f"read, which moves its rows like {found.height * turning:.1f} m/s, and no angular "
+            f"rates are given; the velocities differ by {spread:.2g} m/s only: give rates.csv."
         )
     return ""
 

@@ -73,7 +73,7 @@ def test_the_datum_of_a_free_network_does_not_depend_on_where_it_was_laid():
 
 
 def test_points_on_a_line_and_unknown_names_are_refused(adjusted):
-    with pytest.raises(InputError, match="carry no datum"):
+    with pytest.raises(InputError, match="cannot carry a datum"):
         adjusted.relative_precision(adjusted.points["point"].iloc[:1])
     with pytest.raises(InputError, match="no adjusted point"):
         adjusted.relative_precision(["nobody"])

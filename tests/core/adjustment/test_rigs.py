@@ -313,7 +313,7 @@ class TestFiles:
                 lambda rig, b: rig.update(base="none"),
                 "names camera none, which block.toml does not",
             ),
-            (lambda rig, b: rig["member"].update(nadir={}), "nadir, as rig HEAD has"),
+            (lambda rig, b: rig["member"].update(nadir={}), "nadir, which rig HEAD has"),
             (lambda rig, b: rig["member"]["left"].pop("xyz"), "given in part"),
             (lambda rig, b: rig["member"]["left"].update(xyz=[1, 2]), "xyz = .* is not 3 numbers"),
             (lambda rig, b: rig["member"]["left"].update(quaternion=[1, 1, 0, 0]), "the length 1"),

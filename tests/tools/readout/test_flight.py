@@ -218,7 +218,7 @@ class TestACameraThatRocks:
         deaf.rates = deaf.rates.iloc[:0]
         said = readout_from_flight(deaf, advise=False)
         assert not said.told and said.turns is None
-        assert "nobody wrote that down" in said.reasons[0] and "rates.csv" in said.reasons[0]
+        assert "no angular rates are given" in said.reasons[0] and "rates.csv" in said.reasons[0]
 
     def test_what_the_gyroscope_told_is_said(self, heard, tmp_path):
         """The generator's gyroscope is on time."""

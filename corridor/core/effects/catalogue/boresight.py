@@ -42,8 +42,8 @@ class Boresight(LinearEffect):
             if turned > _FAR_DEG:
                 out.append(
                     f"The attitudes of {flight} are turned by {turned:.0f} degrees against the "
-                    "camera: correct frame in [attitudes] of block.toml (body or camera), or the "
-                    "camera is mounted so."
+                    "camera: correct frame in [attitudes] of block.toml (body or camera), "
+                    "unless the camera is mounted that way."
                 )
         return out
 

@@ -81,7 +81,7 @@ def _run(options: argparse.Namespace) -> None:
     from corridor.core.output import check_gis
 
     if options.certificate is not None and options.output is None:
-        raise InputError("a certificate is a file: say where to write it, -o OUT")
+        raise InputError("a certificate is a file: give the folder to write it to with -o OUT")
     with _Iterations(options.verbose) as progress:
         block = corridor.read(options.block)
         if options.gis:

@@ -64,7 +64,7 @@ def _opening(subject: Subject) -> str:
     rms = adjusted.check_rms
     return (
         f"{said} Check points ({count}) differ by {1e3 * rms.xy:.1f} mm in plan and "
-        f"{1e3 * rms.z:.1f} mm in height (RMS). Whether that is enough the contract says."
+        f"{1e3 * rms.z:.1f} mm in height (RMS). The contract says whether that is enough."
     )
 
 

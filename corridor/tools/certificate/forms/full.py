@@ -46,7 +46,7 @@ def statement(subject: Subject) -> Statement:
     )
     maps = subject.picture("precision_maps", adjusted, caption)
     untested = [*accuracy.untested[:-1], proof.untested[0]]
-    untested.append("Effects that the model does not have: `corridor diagnose` asks for them.")
+    untested.append("Effects that the model does not have: `corridor diagnose` looks for them.")
     return Statement(
         proof.opening,
         doubts,
