@@ -265,12 +265,15 @@ class TestWriting:
         assert result["written"] == []
 
 
-def told(verdict, effects=(), unknown=(), check=(0.0195, 0.0041), tie=(0.279, 0.272), limits=None):
+def told(
+    verdict, effects=(), unknown=(), check=(0.0195, 0.0041), tie=(0.279, 0.272), limits=None,
+    p_nothing=0.46,
+):  # fmt: skip
     """The sentence of a diagnosis that was never made."""
     return sentence(
         SimpleNamespace(
             verdict=verdict, block=None, level=0.01, alarms=[], untestable=[], check_sigmas=None,
-            p_nothing=0.46, halves=Halves(),
+            p_nothing=p_nothing, halves=Halves(),
             course=SimpleNamespace(candidates=SimpleNamespace(effects=[])),
             findings=SimpleNamespace(effects=list(effects), unknown=list(unknown)),
             detection_limits=limits or {},
@@ -362,6 +365,13 @@ class TestSentence:
             "been seen: the camera's rolling shutter from readout 4.0 ms on. "
             "If nothing is missing, signs as strong come by chance: p = 0.46."
         )
+
+    def test_what_only_all_tests_together_show_is_no_claim_that_something_is_missing(self):
+        text = told("nothing", p_nothing=0.0004)
+        assert (
+            "But all tests together show more than chance does (p < 0.001): something may" in text
+        )
+        assert "come by chance" not in text
 
     @pytest.mark.parametrize(
         ("check", "tie", "words"),

@@ -157,9 +157,13 @@ def _nothing(d: Diagnosed) -> str:
     limits = seen_best(d)
     if limits:
         text += f" Would have been seen: {'; '.join(limits)}."
-    text += f" If nothing is missing, signs as strong come by chance: {_chance(d.p_nothing)}."
     if d.p_nothing < d.level:
-        text += " So something is missing, and no test says what."
+        text += (
+            f" But all tests together show more than chance does ({_chance(d.p_nothing)}): "
+            "something may be missing that no single test bears out."
+        )
+    else:
+        text += f" If nothing is missing, signs as strong come by chance: {_chance(d.p_nothing)}."
     for alarm in d.alarms[:1]:
         text += f" But the image noise is uneven: {alarm['where']}."
     return text
