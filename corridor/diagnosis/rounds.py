@@ -236,7 +236,7 @@ def _without_motion(block: Block, chosen: Candidates) -> list[str]:
 def _from_their_start(
     course: Course, believed: ReferenceModel, one: Round
 ) -> tuple[list[str], Adjustment] | None:
-    """The model with what is no small change of it, where that fits clearly better, and the fit.
+    """The model with what is no small change of it, where that fits better, and the fit.
 
     A delay does nothing without a readout: of an effect that starts elsewhere than at nothing the
     equations at nothing say too little, and it is adjusted once from its start, in the place of
@@ -252,7 +252,10 @@ def _from_their_start(
             fit = believed.adjust(course.members(keys))
         except (InputError, AdjustmentFailed):
             continue
-        if (one.adjustment.cost - fit.cost) / fit.sigma0**2 > SETTINGS.check_odds:
+        gain = (one.adjustment.cost - fit.cost) / fit.sigma0**2
+        # Of two that fit alike the one with fewer unknowns is better, by however little.
+        simpler = len(fit.system.columns) < len(one.adjustment.system.columns)
+        if gain > (0.0 if simpler else SETTINGS.check_odds):
             return keys, fit
     return None
 
