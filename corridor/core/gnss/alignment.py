@@ -277,9 +277,9 @@ def _delay(at, where, time, off) -> tuple[float, float, float]:
     left = off - delay * speed
     # Robust: positions that jump once are no delay.
     sigma = 1.4826 * float(np.median(np.abs(left))) / np.sqrt(square)
-    share = np.linalg.norm(left) / np.linalg.norm(off)
     distance = float(np.median(np.linalg.norm(off, axis=1)))
-    return (delay, sigma, distance) if share < _EXPLAINED else (0.0, np.inf, distance)
+    explained = np.linalg.norm(left) < _EXPLAINED * np.linalg.norm(off)
+    return (delay, sigma, distance) if explained else (0.0, np.inf, distance)
 
 
 def _in_one_frame(track: Track, exposures: Exposures):

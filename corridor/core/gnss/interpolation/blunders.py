@@ -76,12 +76,13 @@ def _false(time, position, track, rows) -> dict[int, float]:
         if len(rows) < _FEWEST:
             break
         off, noise = _off_in_sigmas(time[rows], position[rows], stated[rows])
-        # Epochs on a line are off by nothing, beside no noise.
-        size = (off / np.maximum(noise, np.finfo(float).tiny)).max(axis=1)
+        # Epochs on a line are off by rounding alone, beside no noise: 1 nm at least.
+        in_sigmas = off / np.maximum(noise, 1e-9)
+        size = in_sigmas.max(axis=1)
         around = np.lib.stride_tricks.sliding_window_view(np.pad(size, 2 * _REACH), 4 * _REACH + 1)
         gone = []
         for k in np.flatnonzero((size > _OWN_SIGMAS) & (size >= around.max(axis=1))):
-            row, axis = int(k) + _REACH, int(np.argmax(off[k] / noise[k]))
+            row, axis = int(k) + _REACH, int(np.argmax(in_sigmas[k]))
             near = np.arange(max(row - _LOOK, 0), min(row + _LOOK + 1, len(rows)))
             rest = rows[near[near != row]]
             left, _ = _beside_cubic(time[rest], position[rest, axis], stated[rest, axis])
