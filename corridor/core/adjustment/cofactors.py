@@ -82,7 +82,7 @@ def of_points(covariance: Covariance, points: Sequence[int]) -> Iterator[OfPoint
             root = np.sqrt(p.control_weight[control])
             moved = ground[3 * control : 3 * control + 3][:, columns].toarray()
             by = np.concatenate([by, moved * root[:, None]])
-            at_point = np.concatenate([at_point, np.diag(root)])
+            at_point = np.concatenate([at_point, root[:, None] * p.control_turn[control]])
         half = np.zeros((3, 3))
         half[np.tril_indices(3)] = rays.root[0]
         half = at_point @ half.T

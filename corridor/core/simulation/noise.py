@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from corridor.core.block import Block, level_axes
+from corridor.core.block import RHO, Block, along_axes, independent, level_axes
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_vector
 from corridor.core.gnss import SlowNoise
@@ -24,6 +24,9 @@ def add_noise(block: Block, noise: Noise, seed: int = 0) -> Block:
     outliers: share of the tie observations that are moved by 5 to 50 px in any direction on top;
     an outlier stays inside its picture.
     rounding_px: step to which all image coordinates are rounded in the end, pixels.
+    image_rho: correlation of x and y of an image point; gnss_rho, control_rho: of x and y, x and z,
+    y and z of an antenna position and of a ground point. The tables get them as rho_xy, rho_xz,
+    rho_yz; without, errors have the correlations that a table has.
     gnss_slow: share of the antenna's variance that is exponentially correlated in time, with the
     time constant gnss_slow_s, seconds; each flight on its own.
     noise: a `Noise` in place of these.
@@ -35,18 +38,35 @@ def add_noise(block: Block, noise: Noise, seed: int = 0) -> Block:
     control = np.broadcast_to(np.asarray(noise.control_m, dtype=float), 3)
     attitude = np.broadcast_to(np.asarray(noise.attitude_deg, dtype=float), 3)
     block = block.copy()
+    for tables, rho in (
+        (("tie_points", "marks"), noise.image_rho),
+        (("gnss",), noise.gnss_rho),
+        (("ground",), noise.control_rho),
+    ):
+        for table in tables if np.any(rho) else ():
+            rows = len(getattr(block, table))
+            block.put(table, RHO[: np.size(rho)], np.tile(np.reshape(rho, -1), (rows, 1)))
     draw = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(7)]
 
     def shake(table: str, columns: str, sigma: float | np.ndarray, rng) -> None:
         if len(getattr(block, table)):
             values = block.numbers(table, *columns)
-            block.put(table, columns, values + sigma * rng.standard_normal(values.shape))
+            drawn = correlated(table, rng.standard_normal(values.shape))
+            block.put(table, columns, values + sigma * drawn)
+
+    def correlated(table: str, drawn: np.ndarray) -> np.ndarray:
+        rho = block.correlation(table)
+        if not rho.any():
+            return drawn
+        turn, left = independent(np.ones(drawn.shape), rho)
+        return along_axes(turn, left * drawn)
 
     shake("tie_points", "xy", noise.tie_px, draw[0])
     shake("marks", "xy", noise.mark_px, draw[1])
     shake("gnss", "xyz", np.sqrt(1 - noise.gnss_slow) * gnss, draw[2])
     if noise.gnss_slow and len(block.gnss):
-        slow = np.sqrt(noise.gnss_slow) * gnss * _slow(block, noise.gnss_slow_s, draw[5])
+        slow = correlated("gnss", _slow(block, noise.gnss_slow_s, draw[5]))
+        slow *= np.sqrt(noise.gnss_slow) * gnss
         block.put("gnss", "xyz", block.numbers("gnss", *"xyz") + slow)
     shake("ground", "xyz", control, draw[3])
     if len(block.attitudes) and attitude.any():

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from corridor.core.block import Mounting, mountings_of
+from corridor.core.block import Mounting, mountings_of, possible
 from corridor.core.brief import brief
 from corridor.core.camera import Camera
 from corridor.core.errors import InputError, did_you_mean
@@ -230,6 +230,9 @@ class Noise:
     gnss_m: float | tuple[float, float, float] = 0.0
     control_m: float | tuple[float, float, float] = 0.0
     attitude_deg: float | tuple[float, float, float] = 0.0
+    image_rho: float = 0.0
+    gnss_rho: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    control_rho: tuple[float, float, float] = (0.0, 0.0, 0.0)
     outliers: float = 0.0
     rounding_px: float = 0.0
     gnss_slow: float = 0.0
@@ -243,6 +246,10 @@ class Noise:
             if getattr(self, key) > 1:
                 say.fail(f"{key} = {getattr(self, key):g} is a share: give 0 to 1")
         say.positive("gnss_slow_s")
+        for key, count in (("image_rho", 1), ("gnss_rho", 3), ("control_rho", 3)):
+            rho = np.asarray(getattr(self, key), dtype=float).reshape(1, -1)
+            if rho.shape[1] != count or not possible(rho)[0]:
+                say.fail(f"{key} = {getattr(self, key)!r}: no covariance has such correlations")
 
 
 @dataclass(frozen=True)
