@@ -25,6 +25,8 @@ import numpy as np
 import pandas as pd
 
 import corridor
+from benchmarks import nist
+from corridor.core.camera import INTERIOR
 from corridor.core.geometry import quaternion_from_rotation, rotation_from_vector
 
 # A pose ends so near the optimum, in standard deviations, where both programs stop.
@@ -301,6 +303,84 @@ def of_aicon(folder: Path) -> Iterator[Row]:
             errors.pairs.append((sigma[k, at], float(spread), half_unit(spread)))
     yield places
     yield errors
+    yield from _of_aicon_poses(folder, adjusted)
+
+
+def _of_aicon_poses(folder: Path, adjusted) -> Iterator[Row]:
+    """Correlations of every pose with the camera, in AICON's datum (all object points, scale by the
+    bar): centre, and turns about its image axes (x right, y up, z back)."""
+    p = adjusted.problem
+    found = adjusted.in_datum(scale=False)
+    free = [n for n, one in enumerate(p.unknowns) if one.kind == "camera"]
+    value = adjusted.state.interior[0].copy()
+    names = [p.unknowns[n].label.rpartition(".")[2] for n in free]
+    at = [INTERIOR.index(name) for name in names]
+    step = np.maximum(np.abs(value[at]), 1e-6) * 1e-6
+    by = np.zeros((7, len(at)))
+    for k, place in enumerate(at):
+        ahead, back = value.copy(), value.copy()
+        ahead[place] += step[k]
+        back[place] -= step[k]
+        by[:, k] = (_as_aicon(ahead) - _as_aicon(back)) / (2 * step[k])
+    camera = by @ adjusted.covariance.shared[np.ix_(free, free)] @ by.T
+    size = np.sqrt(np.diag(camera))
+    ours = {}
+    for k, name in enumerate(p.images.names):
+        # Turns about x right, y down, z ahead are opposite to those about y up and z back.
+        cross = np.diag([1, 1, 1, 1, -1, -1.0]) @ found.poses_shared[k][:6][:, free] @ by.T
+        spread = np.sqrt(np.diag(found.poses[k])[:6])
+        ours[str(name)] = cross / spread[:, None] / size
+    row = Row("aicon", "correlations of poses with the camera")
+    own = Row("aicon", "correlations of the camera")
+    printed, poses = _aicon_correlations(folder)
+    whole = camera / size[:, None] / size
+    for i, line in enumerate(printed):
+        own.pairs += [
+            (whole[i, j], float(text), half_unit(text)) for j, text in enumerate(line[:i])
+        ]
+    for name, table in poses.items():
+        for i, line in enumerate(table):
+            row.pairs += [
+                (ours[name][i, j], float(text), half_unit(text)) for j, text in enumerate(line)
+            ]
+    for one in (own, row):
+        # A unit of the last digit of a number of three: the print is no minimum.
+        one.sigmas, one.allowed = [1.0] * len(one.pairs), 2e-3
+        yield one
+
+
+def _as_aicon(interior: np.ndarray) -> np.ndarray:
+    """Ck, Xh, Yh, A1, A2, B1, B2 (mm) of our interior parameters (15,)."""
+    pitch, r0 = _SENSOR_MM[0] / _SENSOR_PX[0], 13.488
+    of = dict(zip(INTERIOR, interior, strict=True))
+    f, c = of["f"] * pitch, -of["f"] * pitch
+    for _ in range(50):  # f = -c (1 - A1 r0^2 - A2 r0^4), which A1 and A2 have in them
+        a1, a2 = -of["k1"] * f / c**3, -of["k2"] * f / c**5
+        c = -f / (1 - a1 * r0**2 - a2 * r0**4)
+    xh = (of["cx"] - (_SENSOR_PX[0] - 1) / 2) * pitch
+    yh = -(of["cy"] - (_SENSOR_PX[1] - 1) / 2) * pitch
+    return np.array([c, xh, yh, a1, a2, of["p1"] * f / c**2, -of["p2"] * f / c**2])
+
+
+def _aicon_correlations(folder: Path) -> tuple[list[list[str]], dict[str, list[list[str]]]]:
+    """Printed correlations of the camera, and of each picture: six lines of seven."""
+    import gzip
+    import re
+
+    text = gzip.open(folder / "example.htm.gz", "rt", encoding="latin-1").read()
+    lines = [re.sub(r"<[^>]*>", " ", line).split() for line in text.splitlines()]
+    camera: list[list[str]] = []
+    poses: dict[str, list[list[str]]] = {}
+    image = ""
+    for words in lines:
+        if len(words) == 9 and words[0].isdigit() and words[1] == "1":
+            image = f"I{words[0]}"
+        elif len(words) == 8 and words[0] in ("x", "y", "z", "rx", "ry", "rz"):
+            poses.setdefault(image, []).append(words[1:])
+        elif words and words[0] in ("Ck", "Xh", "Yh", "A1", "A2", "B1", "B2"):
+            if not image and len(words) == 2 + len(camera) and words[-1] == "1.000":
+                camera.append(words[1:])
+    return camera, poses
 
 
 def of_roma(data: Path) -> Iterator[Row]:
@@ -336,7 +416,9 @@ def table(rows: Iterable[Row]) -> str:
         "weighted otherwise.",
         "",
         "`python -m benchmarks.digits --data FOLDER -o docs/digits.md` makes this page; the data",
-        "are those of DBAT (camera calibration, Strasbourg), of pyBundleBlock and of AICON.",
+        "are those of DBAT (camera calibration, Strasbourg), of pyBundleBlock and of AICON. NIST's",
+        "27 regressions (StRD, eleven certified digits) go through the solver of adjustments, each",
+        "from its near start; of the 27 far starts it claims no result for five.",
         "",
         "| answer | numbers | printed | equal | least LRE | median LRE | verdict |",
         "|---|---|---|---|---|---|---|",
@@ -344,6 +426,29 @@ def table(rows: Iterable[Row]) -> str:
         "",
     ]
     return "\n".join(lines)
+
+
+def of_nist() -> Iterator[Row]:
+    """Rows of NIST's certified regressions through the solver, from their near starts."""
+    values, errors, squares = (
+        Row("NIST StRD", what, allowed=1e-4)
+        for what in ("values", "standard deviations", "sums of squares")
+    )
+    for name in nist.MODELS:
+        b, sigma, left, converged = nist.fitted(name, 1)
+        _, certified, spread, total, *_ = nist.read(name)
+        # Eleven digits are certified; rounding of the residuals leaves Lanczos1 none.
+        pairs = [(values, b, certified)]
+        if name != "Lanczos1":
+            pairs += [(errors, sigma, spread), (squares, np.array([left]), np.array([total]))]
+        for row, ours, theirs in pairs:
+            half = 0.5 * 10.0 ** (np.floor(np.log10(np.abs(theirs))) - 10)
+            row.pairs += list(zip(ours.tolist(), theirs.tolist(), half.tolist(), strict=True))
+            # Of Lanczos1 standard deviations are rounding.
+            allowed = np.zeros(len(b)) if name == "Lanczos1" else spread
+            row.sigmas += (allowed if row is values else 0.1 * np.abs(theirs)).tolist()
+        assert converged, name
+    yield from (values, errors, squares)
 
 
 def rows_of(data: Path, only: Iterable[str] = ()) -> Iterator[Row]:
@@ -355,6 +460,8 @@ def rows_of(data: Path, only: Iterable[str] = ()) -> Iterator[Row]:
         expected = json.loads((folder / "expected.json").read_text(encoding="utf-8"))
         many = isinstance(expected["published"], list)
         yield from (of_list if many else of_photogrammetry)(folder)
+    if not only or "nist" in only:
+        yield from of_nist()
     if (data / "roma").is_dir() and (not only or "roma_imagevariant" in only):
         yield from of_roma(data)
     if (data / "aicon").is_dir() and (not only or "aicon" in only):

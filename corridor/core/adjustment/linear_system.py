@@ -712,10 +712,11 @@ class _Beside:
         return self.jacobian.shape[1]
 
 
-def motions(state: State, d: int) -> np.ndarray:
-    """Change (images * d, 7) of the poses when the block as a whole moves, turns, grows."""
+def motions(state: State, d: int, middle: np.ndarray | None = None) -> np.ndarray:
+    """Change (images * d, 7) of the poses when the block as a whole moves, turns, grows about a
+    middle, that of the centres by default."""
     m = len(state.centre)
     out = np.zeros((m, d, 7))
-    out[:, :3] = helmert_motions(state.centre)
+    out[:, :3] = helmert_motions(state.centre, middle)
     out[:, 3:6, 3:6] = -state.rotation
     return out.reshape(m * d, 7)

@@ -195,7 +195,7 @@ class Reliability:
         if root is None:
             return blunders((v / sigma).ravel(), share)
         # An error of a coordinate shows in all three that are independent.
-        errors = block_diag(list(root * sigma[:, None, :]))
+        errors = block_diag(*(root * sigma[:, None, :]))
         white = turned(root, v).ravel()
         return blunders(errors.T @ white, np.asarray(errors.T @ share @ errors))
 

@@ -166,34 +166,44 @@ class TestAgainstADenseAdjustment:
 
 
 class TestNoise:
-    def test_errors_are_as_large_as_covariances_say_and_not_as_those_without_correlations(self):
-        """Loesler, Eschelbach and Lehmann 2025: neglected correlations falsify sigmas."""
-        squares = {True: [], False: []}
-        for seed in range(24):
-            block = flown(seed=seed, pictures=False, images=8)
-            true = corridor_block(
-                images=8, strips=2, observations_per_image=60, seed=seed, control=4, check=2,
-                relief=8.0,
-            ).ground.set_index("point")[["x", "y", "z"]]  # fmt: skip
-            for known in squares:
-                given = block
-                if not known:
-                    given = block.with_(
-                        gnss=block.gnss.drop(columns=list(RHO)),
-                        ground=block.ground.drop(columns=list(RHO)),
-                    )
-                adjusted = corridor.adjust(given, camera="fixed", lever_arm="fixed")
-                p = adjusted.problem
-                marks = np.flatnonzero(p.control >= 0)
-                six = adjusted.covariance.points(marks)
-                for k, point in enumerate(marks):
-                    error = adjusted.state.points[point] - true.loc[p.point_names[point]]
-                    whole = six[k][[[0, 1, 3], [1, 2, 4], [3, 4, 5]]]
-                    squares[known].append(error @ np.linalg.solve(whole, error) / 3)
-        count = len(squares[True])
-        # Chi-square of 3, 96 points of which those of a block are alike: within 4 sigmas.
-        assert abs(np.mean(squares[True]) - 1) < 4 * np.sqrt(2 / 3 / count * 3)
-        assert np.mean(squares[False]) > np.mean(squares[True]) + 0.1
+    def test_errors_are_as_large_as_covariances_say_and_larger_than_those_without(self):
+        """200 draws of all measurements, solved as the equations say; Loesler, Eschelbach and
+        Lehmann 2025: neglected correlations make standard deviations too small."""
+        block = corridor_block(
+            images=8, strips=2, observations_per_image=40, control=0, check=2, relief=8.0
+        )
+        block.sigma |= {"tie_px": 0.5, "mark_px": 0.5, "gnss_m": np.array([0.02, 0.02, 0.02])}
+        bare = corridor.adjust(block, camera="fixed", lever_arm="fixed")
+        block = block.copy()
+        block.put("gnss", RHO, np.tile(GNSS_RHO, (len(block.gnss), 1)))
+        for table in ("tie_points", "marks"):
+            block.put(table, ("rho_xy",), np.full((len(getattr(block, table)), 1), IMAGE_RHO))
+        adjusted = corridor.adjust(block, camera="fixed", lever_arm="fixed")
+        system, random = adjusted.system, np.random.default_rng(1)
+        of_image = np.linalg.cholesky([[0.25, 0.25 * IMAGE_RHO], [0.25 * IMAGE_RHO, 0.25]])
+        whole = covariances(np.full((1, 3), 0.02), np.array([GNSS_RHO]))[0]
+        of_gnss = np.linalg.cholesky(whole)
+        size, axes = np.linalg.eigh(whole)
+        along = axes[:, -1]  # in which errors are larger than each axis says
+        known = adjusted.covariance.each_point[:, [0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(-1, 3, 3)
+        naive = bare.covariance.each_point[:, [0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(-1, 3, 3)
+        squares, true, without = [], [], []
+        for _ in range(200):
+            rows, gnss = system.image_rows, system.gnss
+            xy = rows.xy + random.standard_normal(rows.xy.shape) @ of_image.T
+            antenna = random.standard_normal(gnss.given.shape) @ of_gnss.T
+            other = np.einsum("nij,nj->ni", gnss.turn, antenna)
+            state = system.measuring(xy=xy, gnss=gnss.given + other).step()
+            error = state.points - system.state.points
+            squares.append(np.einsum("ni,nij,nj->n", error, np.linalg.inv(known), error) / 3)
+            true.append((error @ along) ** 2 / np.einsum("i,nij,j->n", along, known, along))
+            state = bare.system.measuring(xy=xy, gnss=bare.system.gnss.given + antenna).step()
+            error = state.points - bare.state.points
+            without.append((error @ along) ** 2 / np.einsum("i,nij,j->n", along, naive, along))
+        # All points of a draw may err together: chi-square of 3 and of 1, 200 times.
+        assert np.mean(squares) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 3 / 200))
+        assert np.mean(true) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 200))
+        assert np.mean(without) > np.mean(true) + 0.15
 
     def test_drawn_errors_have_the_correlations_asked_for(self):
         block = corridor_block(images=40, strips=2, observations_per_image=60, seed=0, control=4)
