@@ -431,7 +431,7 @@ def table(rows: Iterable[Row]) -> str:
 def of_nist() -> Iterator[Row]:
     """Rows of NIST's certified regressions through the solver, from their near starts."""
     values, errors, squares = (
-        Row("NIST StRD", what, allowed=1e-4)
+        Row("NIST StRD", what, allowed=1e-3)
         for what in ("values", "standard deviations", "sums of squares")
     )
     for name in nist.MODELS:

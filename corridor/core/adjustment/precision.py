@@ -34,8 +34,8 @@ FAR = 10.0
 class InDatum:
     """Covariances for unit weight in a datum; the points that are looked at are `points` (k,).
 
-    on_points (3k, t), on_poses (m d, t): B. middle (3,): about which G turns and grows. scale: whether the datum has the scale, too; without,
-    it is that of the measurements (a distance, say).
+    on_points (3k, t), on_poses (m d, t): B. middle (3,): about which G turns and grows. scale:
+    whether the datum has the scale, too; without, it is that of the measurements (a distance, say).
     """
 
     covariance: Covariance

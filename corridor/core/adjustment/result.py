@@ -136,7 +136,8 @@ class Adjustment(Tables):
         step = max(-(-len(names) // MOST), 1)
         rows = np.arange(0, len(names), step)
         place = {name: k for k, name in enumerate(p.images.names)}
-        base = [datum] if isinstance(datum, str) else list(datum or ())
+        datum = [datum] if isinstance(datum, str) else datum
+        base = [] if datum is None else list(datum)
         if len(base) == 2 and all(name in place for name in base):
             return InDatum.of_base(self.covariance, rows, (place[base[0]], place[base[1]]), scale)
         if datum is not None:

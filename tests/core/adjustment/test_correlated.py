@@ -126,10 +126,13 @@ class TestAgainstADenseAdjustment:
             assert table["least_error"].to_numpy() == pytest.approx(DELTA / root[part], rel=1e-5)
         p = adjusted.problem
         marks = reliability.marks
-        rows = {(str(a), str(b)): k for k, (a, b) in
-                enumerate(zip(p.block.marks["point"], p.block.marks["image"], strict=True))}  # fmt: skip
-        at = [ends[0] + 2 * rows[a, b] + "xy".index(c)
-              for a, b, c in zip(marks["point"], marks["image"], marks["axis"], strict=True)]  # fmt: skip
+        table = p.block.marks
+        names = zip(table["point"].astype(str), table["image"].astype(str), strict=True)
+        rows = {pair: k for k, pair in enumerate(names)}
+        at = [
+            ends[0] + 2 * rows[row.point, row.image] + "xy".index(row.axis)
+            for row in marks.itertuples()
+        ]
         s = adjusted.sigma0
         assert marks["redundancy"].to_numpy() == pytest.approx(np.diag(share)[at], abs=1e-5)
         assert marks["w"].to_numpy() == pytest.approx((weight @ v / root)[at] / s, abs=1e-5)
@@ -179,14 +182,17 @@ class TestNoise:
         for table in ("tie_points", "marks"):
             block.put(table, ("rho_xy",), np.full((len(getattr(block, table)), 1), IMAGE_RHO))
         adjusted = corridor.adjust(block, camera="fixed", lever_arm="fixed")
-        system, random = adjusted.system, np.random.default_rng(1)
+        system, random, gnss = adjusted.system, np.random.default_rng(1), block.gnss
         of_image = np.linalg.cholesky([[0.25, 0.25 * IMAGE_RHO], [0.25 * IMAGE_RHO, 0.25]])
         whole = covariances(np.full((1, 3), 0.02), np.array([GNSS_RHO]))[0]
         of_gnss = np.linalg.cholesky(whole)
         size, axes = np.linalg.eigh(whole)
         along = axes[:, -1]  # in which errors are larger than each axis says
         known = adjusted.covariance.each_point[:, [0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(-1, 3, 3)
-        naive = bare.covariance.each_point[:, [0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(-1, 3, 3)
+        # Where the block as a whole lies: the mean of all centres.
+        mean = np.zeros((len(system.columns), 1))
+        mean[system.columns.pose[:, :3].ravel(), 0] = np.tile(along, len(gnss)) / len(gnss)
+        variance, naive = ((mean.T @ one.covariance.solve(mean)).item() for one in (adjusted, bare))
         squares, true, without = [], [], []
         for _ in range(200):
             rows, gnss = system.image_rows, system.gnss
@@ -196,14 +202,14 @@ class TestNoise:
             state = system.measuring(xy=xy, gnss=gnss.given + other).step()
             error = state.points - system.state.points
             squares.append(np.einsum("ni,nij,nj->n", error, np.linalg.inv(known), error) / 3)
-            true.append((error @ along) ** 2 / np.einsum("i,nij,j->n", along, known, along))
+            true.append(((state.centre - system.state.centre).mean(axis=0) @ along) ** 2 / variance)
             state = bare.system.measuring(xy=xy, gnss=bare.system.gnss.given + antenna).step()
-            error = state.points - bare.state.points
-            without.append((error @ along) ** 2 / np.einsum("i,nij,j->n", along, naive, along))
+            moved = (state.centre - bare.state.centre).mean(axis=0)
+            without.append((moved @ along) ** 2 / naive)
         # All points of a draw may err together: chi-square of 3 and of 1, 200 times.
         assert np.mean(squares) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 3 / 200))
         assert np.mean(true) == pytest.approx(1.0, abs=4 * np.sqrt(2 / 200))
-        assert np.mean(without) > np.mean(true) + 0.15
+        assert np.mean(without) > 0.75 * size[-1] / 0.02**2 > 1.15
 
     def test_drawn_errors_have_the_correlations_asked_for(self):
         block = corridor_block(images=40, strips=2, observations_per_image=60, seed=0, control=4)

@@ -99,18 +99,19 @@ def test_poses_and_points_in_a_datum_are_those_of_the_whole_covariance(adjusted,
             base = state.centre[7] - state.centre[2]
             b[7 * d + np.arange(3), 6], b[2 * d + np.arange(3), 6] = base, -base
     s = np.eye(len(c)) - g @ np.linalg.inv(b.T @ g) @ b.T
+    size = np.sqrt(np.diag(c))
     c = s @ c @ s.T
     found = adjusted.in_datum(asked, scale)
     poses = c[: p.image_count * d, : p.image_count * d].reshape(p.image_count, d, -1, d)
-    size = np.sqrt(np.abs(np.diag(c)))
     for k in range(p.image_count):
-        own = size[k * d : k * d + d] + 1e-9
+        own = size[k * d : k * d + d]
         away = found.poses[k] - poses[k, :, k]
         assert np.abs(away / own[:, None] / own).max() < 1e-5
         with_shared = c[k * d : k * d + d, p.image_count * d : n]
         away = found.poses_shared[k] - with_shared
         assert np.abs(away / own[:, None] / size[p.image_count * d : n]).max() < 1e-5
-    assert np.sqrt(found.point_variances).ravel() == pytest.approx(size[n:], rel=1e-5, abs=1e-8)
+    left = np.sqrt(np.diag(c)[n:])
+    assert np.sqrt(found.point_variances).ravel() == pytest.approx(left, rel=1e-5, abs=1e-8)
     table = adjusted.relative_poses(asked, scale).set_index("image")
     if on == "a base":
         assert table.loc[names[2], ["sx", "sy", "sz", "s_rx", "s_ry", "s_rz"]].max() < 1e-7
