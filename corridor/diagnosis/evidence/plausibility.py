@@ -68,7 +68,8 @@ def nameless(evidence: Evidence, found: Found, moving: bool) -> dict[str, str]:
         if group.own is None or not proper.any():
             continue
         without = {**found.chosen, n: np.where(proper, 1.0 / SETTINGS.free_size, kappa)}
-        if evidence.total(found.chosen) - evidence.total(without) < SETTINGS.named_least:
+        # As likely without it as with it, or likelier.
+        if evidence.total(found.chosen) <= evidence.total(without):
             called = f"{group.effect.called[0].upper()}{group.effect.called[1:]}"
             out[group.key] = (
                 f"{called} would fit, but neither the block nor its measurements show a readout, "
