@@ -221,13 +221,14 @@ def _without_motion(block: Block, chosen: Candidates) -> list[str]:
         return []
     chosen.effects = [effect for effect in chosen.effects if effect not in gone]
     names = ", ".join(sorted(effect.slug for effect in gone))
+    names += " is" if len(gone) == 1 else " are"
     if at_once:
         return [
-            f"block.toml states that all rows are read at once (readout_s = 0): {names} are not "
+            f"block.toml states that all rows are read at once (readout_s = 0): {names} not "
             "tested."
         ]
     return [
-        f"Nothing in the block states how the camera moves while rows are read: {names} are not "
+        f"Nothing in the block states how the camera moves while rows are read: {names} not "
         "tested, and what differs from row to row has no name. Velocities in images.csv, or "
         "readout_s in block.toml, would give it one."
     ]
