@@ -1,5 +1,7 @@
 """Random errors of the measurements of a block."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from corridor.core.block import RHO, Block, along_axes, independent, level_axes
@@ -20,7 +22,7 @@ def add_noise(block: Block, noise: Noise, seed: int = 0) -> Block:
     attitude_deg: of a turn about the heading, the horizontal to its right and the vertical,
     degrees, one number or three.
     gnss_m, control_m: of an antenna position and of a surveyed ground point (control and check
-    points alike), metres, one number or three (x, y, z).
+    points alike), metres, one number or three (x, y, z). distance_m: of a distance, metres.
     outliers: share of the tie observations that are moved by 5 to 50 px in any direction on top;
     an outlier stays inside its picture.
     rounding_px: step to which all image coordinates are rounded in the end, pixels.
@@ -38,24 +40,25 @@ def add_noise(block: Block, noise: Noise, seed: int = 0) -> Block:
     control = np.broadcast_to(np.asarray(noise.control_m, dtype=float), 3)
     attitude = np.broadcast_to(np.asarray(noise.attitude_deg, dtype=float), 3)
     block = block.copy()
-    for tables, rho in (
-        (("tie_points", "marks"), noise.image_rho),
-        (("gnss",), noise.gnss_rho),
-        (("ground",), noise.control_rho),
+    for table, names, rho in (
+        ("tie_points", RHO[:1], noise.image_rho),
+        ("marks", RHO[:1], noise.image_rho),
+        ("gnss", RHO, noise.gnss_rho),
+        ("ground", RHO, noise.control_rho),
     ):
-        for table in tables if np.any(rho) else ():
-            rows = len(getattr(block, table))
-            block.put(table, RHO[: np.size(rho)], np.tile(np.reshape(rho, -1), (rows, 1)))
-    draw = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(7)]
+        if np.any(rho):
+            shape = len(getattr(block, table)), len(names)
+            block.put(table, names, np.broadcast_to(np.asarray(rho, float), shape))
+    draw = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(8)]
 
-    def shake(table: str, columns: str, sigma: float | np.ndarray, rng) -> None:
+    def shake(table: str, columns: Sequence[str], sigma: float | np.ndarray, rng) -> None:
         if len(getattr(block, table)):
             values = block.numbers(table, *columns)
             drawn = correlated(table, rng.standard_normal(values.shape))
             block.put(table, columns, values + sigma * drawn)
 
     def correlated(table: str, drawn: np.ndarray) -> np.ndarray:
-        rho = block.correlation(table)
+        rho = block.correlation(table) if drawn.shape[1] > 1 else np.zeros(0)
         if not rho.any():
             return drawn
         turn, left = independent(np.ones(drawn.shape), rho)
@@ -69,6 +72,9 @@ def add_noise(block: Block, noise: Noise, seed: int = 0) -> Block:
         slow *= np.sqrt(noise.gnss_slow) * gnss
         block.put("gnss", "xyz", block.numbers("gnss", *"xyz") + slow)
     shake("ground", "xyz", control, draw[3])
+    if noise.distance_m and len(block.distances):
+        shake("distances", ("distance",), noise.distance_m, draw[7])
+        block.put("distances", ("sigma",), np.full((len(block.distances), 1), noise.distance_m))
     if len(block.attitudes) and attitude.any():
         turned = block.attitude_rotations
         level = np.radians(attitude) * draw[6].standard_normal((len(turned), 3))
