@@ -266,7 +266,7 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
     mine = np.isin(_flights(result), flights)
     names = table["image"].astype(str).to_numpy()
     sigma = table[["sx", "sy", "sz"]].to_numpy()
-    length = _lengths(result, sigma)
+    length = lengths(result, sigma)
     quantile = float(chdtri(3, 1.0 - _BEST))
     order = np.argsort(length[mine], kind="stable")
     best = ~mine
@@ -282,7 +282,7 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
             return None
         if not found.converged:
             return None
-        length = _lengths(found, sigma)
+        length = lengths(found, sigma)
         # Of a chi-square of three axes six tenths lie below the quantile.
         scale = np.sqrt(np.quantile(length[mine] ** 2, _BEST) / quantile)
         before, best = best, ~mine | (length < OUTLIER * max(scale, 1.0))
@@ -294,7 +294,7 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
     return ~best
 
 
-def _lengths(found: Adjustment, sigma: np.ndarray) -> np.ndarray:
+def lengths(found: Adjustment, sigma: np.ndarray) -> np.ndarray:
     """Residuals (k,) of the antenna positions in their own sigmas, all axes together, where the
     positions are good to sigma (k, 3), m; some may count for nothing in what is found."""
     table = found.residuals["gnss"]
