@@ -102,7 +102,7 @@ def without_exchanged(
         return block, []
     given = block.numbers("ground", *"xyz")[model.roles(block) != "unused"]
     seen = where_seen(blind, blind.poses)[model.roles(block) != "unused"]
-    elsewhere = _elsewhere(given, seen)
+    elsewhere = _elsewhere(given, seen, _ALIKE * _height(block, blind.poses))
     if elsewhere:
         raise AdjustmentFailed(elsewhere)
     if _posed(block):
@@ -144,8 +144,11 @@ def _read_otherwise(given: np.ndarray, seen: np.ndarray) -> str:
     return ""
 
 
-def _elsewhere(given: np.ndarray, seen: np.ndarray) -> str:
-    """Where all ground points (n, 3), m, lie beside where images and GNSS put them; "": nowhere."""
+def _elsewhere(given: np.ndarray, seen: np.ndarray, far: float) -> str:
+    """Where all ground points (n, 3), m, lie beside where images and GNSS put them; "": nowhere.
+
+    far: below it a focal length that nobody knows may be the reason, m.
+    """
     known = np.isfinite(given).all(axis=1) & np.isfinite(seen).all(axis=1)
     given, seen = given[known], seen[known]
     if len(given) < _LEAST_CONTROL:
@@ -155,7 +158,7 @@ def _elsewhere(given: np.ndarray, seen: np.ndarray) -> str:
         return otherwise
     middle, left = np.median(given - seen, axis=0), _apart(given, seen)
     length = float(np.linalg.norm(middle))
-    if length < _ELSEWHERE_M or left > _ALIKE * length:
+    if length < max(_ELSEWHERE_M, far) or left > _ALIKE * length:
         return ""
     vector = ", ".join(f"{value:+.2f}" for value in middle)
     cause = "another datum, or the offset of block.toml taken off once too often or not at all"
