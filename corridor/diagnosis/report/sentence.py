@@ -18,6 +18,7 @@ from corridor.diagnosis.report.wording import (
     upper,
     value_and_sigma,
 )
+from corridor.diagnosis.verification.held_out import check_alone
 
 # Parameters told in the sentence; the table has them all.
 MOST = 4
@@ -174,6 +175,13 @@ def _off(d: Diagnosed) -> str:
     sigmas, error = d.check_sigmas, d.gap["check_m"]
     if not sigmas or not error or sigmas < OFF:
         return ""
+    alone = check_alone(d.after, OFF)
+    if alone is not None:
+        point, axis, size, others = alone
+        return (
+            f" But check point {point} is off by {amount(size, 'm')} in {axis}, alone: the others "
+            f"by {amount(others, 'm')} (3D RMS). Look up its survey and its marks."
+        )
     text = (
         f" But check points are off by {amount(error['after'], 'm')}, {sigmas:.1f} times "
         "their standard deviations"
