@@ -201,8 +201,8 @@ class Ground:
     check_from_ties: up to so many more check points, taken from the tie points that three images
     or more show, evenly over the ground between the strips' ends; within_m: at most so far from
     the axis. Their marks are the tie points'.
-    bars: scale bars or tapes between two tie points that three images or more show, each about
-    bar_m long, evenly over the ground.
+    bars: up to so many scale bars or tapes between two tie points that three images or more show,
+    each about bar_m long, evenly over the ground.
     """
 
     control: int = 5

@@ -156,7 +156,8 @@ def test_banks_lie_at_three_tenths_of_the_picture_unless_said_otherwise():
 
 class TestBars:
     PLAN = Plan(
-        "bars", (Flight("a", 50.0, images=10, strips=2),), ground=Ground(0, 2, bars=6, bar_m=3.0),
+        "bars", (Flight("a", 50.0, images=20, strips=1, forward=0.8),),
+        ground=Ground(0, 2, bars=6, bar_m=3.0),
         gnss=False,
     )  # fmt: skip
 
