@@ -17,6 +17,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import block_diag, csr_array
 from scipy.stats import chi2
 
 from corridor.core.adjustment import Adjustment
@@ -208,7 +209,8 @@ def _control(one: Adjustment) -> Iterator[Group]:
     known = np.array([name in place for name in control.names])
     epoch = Epoch(one)
     points = np.array([place[n] for n in control.names[known]], dtype=int)
-    spread = epoch.spread(coordinates(epoch, points))
+    turned = block_diag(list(control.turn[known]), format="csr") @ coordinates(epoch, points)
+    spread = epoch.spread(csr_array(turned))
     variance = variances(spread.through, epoch.solve) + spread.variance(spread.own)
     share = np.ones(control.sigma.shape)
     share[known] = variance.reshape(-1, 3) / control.sigma[known] ** 2
