@@ -201,10 +201,10 @@ def _antennas(one: Adjustment) -> Iterator[Group]:
 
 
 def _control(one: Adjustment) -> Iterator[Group]:
-    control, system = one.system.control, one.system
+    control, every = one.system.control, one.system.points
     if not len(control.names):
         return
-    place = {name: k for k, name in enumerate(system.points.names) if system.points.mark[k]}
+    place = {every.names[k]: k for k in np.flatnonzero(every.mark)}
     known = np.array([name in place for name in control.names])
     epoch = Epoch(one)
     points = np.array([place[n] for n in control.names[known]], dtype=int)

@@ -120,22 +120,19 @@ def _weights(start, height, across, normal, degree: int):
     """Weights of the members in the height at each core point, and what the fit leaves."""
     count = np.diff(start)
     weight, left = np.empty(len(height)), np.empty(len(height))
-    for r in range(len(count)):
-        some = slice(start[r], start[r + 1])
-        if degree == 0 or count[r] <= _TERMS[degree]:
-            weight[some] = 1.0 / max(count[r], 1)
-            left[some] = height[some] - weight[some] @ height[some]
-            continue
-        first = np.cross(normal[r], [1.0, 0.0, 0.0])
-        first /= np.linalg.norm(first)
-        u, v = across[some] @ first, across[some] @ np.cross(normal[r], first)
-        terms = [np.ones(count[r]), u, v]
-        if degree == 2:
-            terms += [u * u, u * v, v * v]
-        matrix = np.column_stack(terms)
+    first = np.cross(normal, [1.0, 0.0, 0.0])
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    core = np.repeat(np.arange(len(count)), count)
+    u = np.einsum("nk,nk->n", across, first[core])
+    v = np.einsum("nk,nk->n", across, np.cross(normal, first)[core])
+    terms = np.column_stack([np.ones(len(u)), u, v, u * u, u * v, v * v][: _TERMS[degree]])
+    # Cylinders of as many points are fitted together.
+    for n in np.unique(count[count > 0]):
+        at = start[:-1][count == n][:, None] + np.arange(n)
+        matrix = terms[at] if n > _TERMS[degree] else np.ones((len(at), n, 1))
         inverse = np.linalg.pinv(matrix)
-        weight[some] = inverse[0]
-        left[some] = height[some] - matrix @ (inverse @ height[some])
+        weight[at] = inverse[:, 0]
+        left[at] = height[at] - (matrix @ (inverse @ height[at][:, :, None]))[:, :, 0]
     return weight, left
 
 
