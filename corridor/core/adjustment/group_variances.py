@@ -7,8 +7,8 @@ are those that they have; one block of false positions is told from the rest and
 
 Source: Förstner 1979 and Koch 1986 (v'Pv / r, iterated); Rousseeuw and Van Driessen 1999, "A fast
 algorithm for the minimum covariance determinant estimator" (concentration: what the best part says
-of all decides which part is best), for the block; Patterson and Thompson 1971 (likelihood of residuals)
-and Bayley and Hammersley 1946, "The effective number of independent observations in an
+of all decides which part is best), for the block; Patterson and Thompson 1971 (likelihood of
+residuals) and Bayley and Hammersley 1946, "The effective number of independent observations in an
 autocorrelated time series", for errors that last.
 """
 
