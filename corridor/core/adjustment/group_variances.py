@@ -130,7 +130,7 @@ def with_gnss_as_it_is(result: Adjustment, again: Again) -> Adjustment:
     notes: list[str] = []
     doubtful, found = contradicting(result), result
     if doubtful:
-        found = _false_apart(result, again, sorted({flight for _, flight in doubtful}), notes)
+        found = false_apart(result, again, sorted({flight for _, flight in doubtful}), notes)
     for _ in range(_ROUNDS):
         doubtful = contradicting(found)
         if not doubtful:
@@ -369,7 +369,7 @@ def false_positions(result: Adjustment, again: Again) -> np.ndarray | None:
     return _concentrated(result, again, sorted({flight for _, flight in doubtful}))
 
 
-def _false_apart(
+def false_apart(
     result: Adjustment, again: Again, flights: list[str], notes: list[str]
 ) -> Adjustment:
     """Adjusted with the false positions among those of some flights weighted by what they miss.
@@ -409,7 +409,7 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
     mine = np.isin(_flights(result), flights)
     names = table["image"].astype(str).to_numpy()
     sigma = table[["sx", "sy", "sz"]].to_numpy()
-    length = _lengths(result, sigma)
+    length = lengths(result, sigma)
     quantile = float(chdtri(3, 1.0 - _BEST))
     order = np.argsort(length[mine], kind="stable")
     best = ~mine
@@ -425,7 +425,7 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
             return None
         if not found.converged:
             return None
-        length = _lengths(found, sigma)
+        length = lengths(found, sigma)
         # Of a chi-square of three axes six tenths lie below the quantile.
         scale = np.sqrt(np.quantile(length[mine] ** 2, _BEST) / quantile)
         before, best = best, ~mine | (length < OUTLIER * max(scale, 1.0))
@@ -437,7 +437,7 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
     return ~best
 
 
-def _lengths(found: Adjustment, sigma: np.ndarray) -> np.ndarray:
+def lengths(found: Adjustment, sigma: np.ndarray) -> np.ndarray:
     """Residuals (k,) of the antenna positions in their own sigmas, all axes together, where the
     positions are good to sigma (k, 3), m; some may count for nothing in what is found."""
     table = found.residuals["gnss"]
@@ -465,6 +465,6 @@ def _told_false(names: np.ndarray, miss: np.ndarray, size: float) -> str:
     return (
         f"{counted(len(names), 'GNSS position')} disagree{'s' * (len(names) == 1)} with all others "
         f"{by}, {size:.0f} times the stated standard deviations ({some(list(names), 5)}){cause} "
-        f"They count with standard deviations {size:.0f} times as large; --reject-gnss leaves them "
-        "out."
+        f"They are set aside, with standard deviations {size:.0f} times as large; --reject-gnss "
+        "takes them out."
     )
