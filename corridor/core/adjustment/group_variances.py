@@ -273,12 +273,13 @@ def slow(result: Adjustment) -> Slow | None:
         if len(mine) >= _LASTING and np.isfinite(time).all():
             order = np.argsort(time, kind="stable")
             tracks[str(name)] = mine[order], time[order]
-    scaled = gnss.residual / gnss.sigma
-    alike = sum((np.sum(scaled[rows][1:] * scaled[rows][:-1]) for rows, _ in tracks.values()), 0.0)
-    squares = [scaled[rows] ** 2 for rows, _ in tracks.values()]
-    if alike < _ALIKE * np.sqrt(sum(square.size for square in squares)) * np.mean(
-        np.concatenate([*squares, np.ones((1, 3))])
-    ):
+    if not tracks:
+        return None
+    scaled = [gnss.residual[rows] / gnss.sigma[rows] for rows, _ in tracks.values()]
+    alike = sum(float(np.sum(v[1:] * v[:-1])) for v in scaled)
+    count = sum(v.size for v in scaled)
+    # Of white noise a normal number: the mean of so many products.
+    if alike < _ALIKE * np.sqrt(count) * max(sum(float(np.sum(v * v)) for v in scaled) / count, 1):
         return None
     found = _likeliest([part for track in tracks.values() for part in _contrasts(result, *track)])
     if found is None:
