@@ -176,18 +176,19 @@ def roughness(
     return np.maximum(pooled, 0.0), free
 
 
-def roughened(cloud: Cloud, found: Members, rough: np.ndarray) -> tuple[Cloud, np.ndarray]:
-    """The cloud with a variance (n, 3, 3), m^2, of each point along the normal, and the variances
-    (r,) of the heights at core points that follow. rough (r,): of the ground, see `roughness`.
+def sampling(clouds: tuple[Cloud, Cloud], found: list[Members], rough: np.ndarray) -> csr_array:
+    """What the roughness at each point does to the distances: (r, n + m), m, a row a core point.
 
-    A point takes the median roughness of the cylinders it lies in.
+    rough (r,): see `roughness`. Where a surface is bent, what one cylinder has too much of a point
+    the next one has too little of: in sums of distances it cancels, and the variance of sums is the
+    square of the sums of these. Source: White 1980 (a covariance by the residuals themselves).
     """
-    order = np.lexsort((rough[found.core], found.point))
-    point, value = found.point[order], rough[found.core][order]
-    some, start, count = np.unique(point, return_index=True, return_counts=True)
-    middle = start + (count - 1) // 2
-    normal = found.normal[order][middle]
-    of_points = np.zeros((len(cloud.epoch.xyz), 3, 3))
-    of_points[some] = value[middle][:, None, None] * np.einsum("ni,nj->nij", normal, normal)
-    sampling = rough * np.bincount(found.core, found.weight**2, minlength=len(rough))
-    return replace(cloud, roughness=of_points), sampling
+    sides = []
+    for cloud, one in zip(clouds, found, strict=True):
+        value = one.weight * one.left
+        # In each cylinder as large as the roughness that its neighbours tell too.
+        seen, stated = (np.bincount(one.core, v**2, len(rough)) for v in (value, one.weight))
+        scale = np.sqrt(rough * stated / np.maximum(seen, 1e-18))
+        entries = (value * scale[one.core], (one.core, one.point))
+        sides.append(csr_array(entries, shape=(len(rough), len(cloud.epoch.xyz))))
+    return hstack(sides, format="csr")
