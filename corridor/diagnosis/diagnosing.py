@@ -16,6 +16,7 @@ from corridor.diagnosis.anomalies.variance import variance_alarms
 from corridor.diagnosis.anomalies.wrong_matches import broken_picture, outlier_clusters, shows_as
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.findings.findings import Findings
+from corridor.diagnosis.findings.separation import not_separated
 from corridor.diagnosis.findings.verdict import detection_limits, findings
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.report import actions, as_html, as_text, evidence, save, sentence
@@ -120,6 +121,7 @@ def _diagnose(
     _add_discontinuity(found, before, last.adjustment)
     untestable = sorted(course.candidates.untestable.items())
     limits = detection_limits(last)
+    inseparable = not_separated(last)
     run.say("comparing two halves of the images")
     halves = compare_halves(believed, course.members(last.keys), last.noise, last.lens)
     last.let_go()
@@ -140,6 +142,7 @@ def _diagnose(
         notes=[
             *doubtful,
             *implausible(before),
+            *inseparable,
             *course.notes,
             *course.impossible.values(),
             *course.idle,

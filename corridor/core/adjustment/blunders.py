@@ -102,7 +102,7 @@ def without_exchanged(
         return block, []
     given = block.numbers("ground", *"xyz")[model.roles(block) != "unused"]
     seen = where_seen(blind, blind.poses)[model.roles(block) != "unused"]
-    elsewhere = _elsewhere(given, seen)
+    elsewhere = _elsewhere(given, seen, _ALIKE * _height(block, blind.poses))
     if elsewhere:
         raise AdjustmentFailed(elsewhere)
     if _posed(block):
@@ -111,26 +111,54 @@ def without_exchanged(
     return _ground(block, block, model, blind.poses, notes, seen_by=blind), notes
 
 
-def _elsewhere(given: np.ndarray, seen: np.ndarray) -> str:
-    """Where all ground points (n, 3), m, lie beside where images and GNSS put them; "": nowhere."""
+def _in_place(block: Block, pose: np.ndarray) -> bool:
+    """Whether poses lie where the GNSS has them, in its scale."""
+    if len(block.gnss) < 4:
+        return False
+    given, at = block.numbers("gnss", *"xyz"), pose[block.image_rows("gnss"), :3]
+    known = np.isfinite(given).all(axis=1) & np.isfinite(at).all(axis=1)
+    if known.sum() < 4:
+        return False
+    return _apart(at[known], given[known]) < _ALIKE * np.ptp(given[known], axis=0).max()
+
+
+def _apart(one: np.ndarray, other: np.ndarray) -> float:
+    """How far points (n, 3) lie (median) from others, but for one vector."""
+    away = one - other
+    return float(np.median(np.linalg.norm(away - np.median(away, axis=0), axis=1)))
+
+
+def _read_otherwise(given: np.ndarray, seen: np.ndarray) -> str:
+    """In which unit or with which axes ground points (n, 3) lie where they are seen; "": as they
+    are."""
     known = np.isfinite(given).all(axis=1) & np.isfinite(seen).all(axis=1)
     given, seen = given[known], seen[known]
     if len(given) < _LEAST_CONTROL:
         return ""
-
-    def apart(other: np.ndarray) -> float:
-        """How far points lie (median) from where they are seen, but for one vector, m."""
-        away = other - seen
-        return float(np.median(np.linalg.norm(away - np.median(away, axis=0), axis=1)))
-
-    middle, left = np.median(given - seen, axis=0), apart(given)
-    length = float(np.linalg.norm(middle))
+    left = _apart(given, seen)
     for unit, metres in (("feet", _FOOT_M), ("millimetres", 1e-3), ("kilometres", 1e3)):
-        if apart(metres * given) < _ALIKE * left:
+        if _apart(metres * given, seen) < _ALIKE * left:
             return f"ground.csv is in {unit}, beside images and GNSS in metres: convert it."
-    if apart(given[:, [1, 0, 2]]) < _ALIKE * left:
+    if _apart(given[:, [1, 0, 2]], seen) < _ALIKE * left:
         return "ground.csv has x and y exchanged beside images and GNSS: x is east, y north."
-    if length < _ELSEWHERE_M or left > _ALIKE * length:
+    return ""
+
+
+def _elsewhere(given: np.ndarray, seen: np.ndarray, far: float) -> str:
+    """Where all ground points (n, 3), m, lie beside where images and GNSS put them; "": nowhere.
+
+    far: below it a focal length that nobody knows may be the reason, m.
+    """
+    known = np.isfinite(given).all(axis=1) & np.isfinite(seen).all(axis=1)
+    given, seen = given[known], seen[known]
+    if len(given) < _LEAST_CONTROL:
+        return ""
+    otherwise = _read_otherwise(given, seen)
+    if otherwise:
+        return otherwise
+    middle, left = np.median(given - seen, axis=0), _apart(given, seen)
+    length = float(np.linalg.norm(middle))
+    if length < max(_ELSEWHERE_M, far) or left > _ALIKE * length:
         return ""
     vector = ", ".join(f"{value:+.2f}" for value in middle)
     cause = "another datum, or the offset of block.toml taken off once too often or not at all"
@@ -166,6 +194,9 @@ def _ground(
         return out
     given = block.numbers("ground", *"xyz")[used]
     seen = where_seen(seen_by or block, pose)[used]
+    otherwise = _read_otherwise(given, seen) if _in_place(block, pose) else ""
+    if otherwise:
+        raise InputError(otherwise)
     names = block.ground["point"].to_numpy(dtype=object)[used]
     pairs = exchanged_points(given, seen)
     notes.extend(told_exchanged(names[i], names[j]) for i, j in pairs)
