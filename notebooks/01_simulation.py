@@ -447,7 +447,7 @@ noisy = {key: np.array(values) for key, values in noisy.items()}
 
 # %%
 truth = perfect.truth["camera"]["camlight"]
-figures.histograms(
+figures.estimates(
     {f"{p} (px)": noisy["all flights", 10][:, 3 + k] for k, p in enumerate(("f", "cx", "cy"))},
     {f"{p} (px)": truth[p] for p in ("f", "cx", "cy")},
     "estimates with 10 px of noise, all flights, scatter about the truth",
