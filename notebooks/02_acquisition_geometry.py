@@ -103,7 +103,9 @@ else:
     print("m300_ppk: not here")
 
 # %% [markdown]
-# Three centimetres, by any method: at 1.8 m/s it is the gusts between two epochs that nobody sees.
+# (In the picture the lines are the sigmas halfway between two epochs, where they are largest; an
+# exposure on an epoch lies below them.) Three centimetres, by any method: at 1.8 m/s it is the
+# gusts between two epochs that nobody sees.
 # The smoother knows that a drone has mass, and it says how far off it may be: error over stated
 # sigma is near one. The parabola through three epochs, which MicMac uses, claims too much in turns.
 # `corridor gnss TRACK --images IMAGES -o gnss.csv` does this for your own track, whatever wrote it.
