@@ -165,8 +165,8 @@ pd.DataFrame.from_dict(rows, orient="index", columns=["raw (mm)", "corrected (mm
 # Targets that are known to 2 mm leave 3.0 mm, and 3.2 are published *after* the correction: so it
 # was the targets that were left, in the pictures or in the survey, and not the network. The 1.5 mm
 # that the correction gained are **not reproduced**: whatever else is changed, a self-calibrated
-# ring takes the heat up. (The open loop's 6.2 mm are of the size of ours, but ours are noise, and the
-# correction leaves them.)
+# ring takes the heat up. (The open loop's 6.2 mm are of the size of ours, but ours are noise, and
+# the correction leaves them.)
 #
 # ## 3. The flight
 #

@@ -269,8 +269,8 @@ def _marks_of_other_pictures(block: Block) -> Iterator[str]:
         if np.median(np.linalg.norm(other - there, axis=1)) < _OF_RESIZED * min(off, left):
             yield (
                 f"Marks lie {off:.0f} px (median) from where the start values put them, as if "
-                f"{words}: measure them in the pictures as the tie points were measured, or take marks.csv "
-                "out: without it the other measurements adjust."
+                f"{words}: measure them in the pictures as the tie points were measured, or take "
+                "marks.csv out: without it the other measurements adjust."
             )
             return
     if not abs(np.log(max(factor, 1e-9))) > _RESIZED or left > _OF_RESIZED * off:
