@@ -234,3 +234,4 @@ def _frame(axes, picture, first):
         Rectangle((-0.5, -0.5), picture.width, picture.height, fill=False, ec=style.QUIET, lw=0.6)
     )
     style.label(axes, "x (px)", "y (px)" if first else None)
+    axes.tick_params(labelleft=first)  # beside it stand the same rows, or a scale
