@@ -10,6 +10,9 @@ from believing import believed
 from believing import flown as two_flights
 from strips import corridor_block
 
+from benchmarks.diagnosis.generator.cases import single
+from benchmarks.diagnosis.generator.generate import generate
+from benchmarks.ladder import made
 from corridor.core.adjustment import Model
 from corridor.core.effects import add, candidates, find
 from corridor.core.simulation import CAMLIGHT, add_noise
@@ -98,6 +101,26 @@ class TestRowsReadWhileTheCameraMoves:
         block.images = block.images.drop(columns=["vx", "vy", "vz"])
         names, notes = self.asked(block)
         assert "rolling_shutter_rotation" in names and not notes
+
+
+class TestShiftsOfRowsInEachImage:
+    """A turn during the readout shears rows as well; what shifts them as a whole has no name."""
+
+    @staticmethod
+    def found(block):
+        return {one["slug"] for one in diagnose(block).effects if one["class"] == "named"}
+
+    @pytest.mark.parametrize("seed", [1, 2])
+    def test_a_camera_that_turns_is_named(self, seed):
+        case = single("rolling_shutter_rotation", 0.5, images=40, observations=150)
+        assert self.found(generate(case, seed).block) == {"rolling_shutter_rotation"}
+
+    def test_rows_that_shift_are_not_called_so(self):
+        hidden = made(12, 4)
+        assert hidden.truth["outside"] == ["rows"]
+        found = diagnose(hidden.block)
+        assert not found.effects
+        assert any("is not taken for the cause" in note for note in found.notes)
 
 
 class TestFlightsThatDiffer:

@@ -113,7 +113,7 @@ def with_gnss_as_it_is(result: Adjustment, again: Again) -> Adjustment:
     if not doubtful:
         return result
     notes: list[str] = []
-    found = _false_apart(result, again, sorted({flight for _, flight in doubtful}), notes)
+    found = false_apart(result, again, sorted({flight for _, flight in doubtful}), notes)
     for _ in range(_ROUNDS):
         doubtful = contradicting(found)
         if not doubtful:
@@ -228,7 +228,7 @@ def false_positions(result: Adjustment, again: Again) -> np.ndarray | None:
     return _concentrated(result, again, sorted({flight for _, flight in doubtful}))
 
 
-def _false_apart(
+def false_apart(
     result: Adjustment, again: Again, flights: list[str], notes: list[str]
 ) -> Adjustment:
     """Adjusted with the false positions among those of some flights weighted by what they miss.
@@ -324,6 +324,6 @@ def _told_false(names: np.ndarray, miss: np.ndarray, size: float) -> str:
     return (
         f"{counted(len(names), 'GNSS position')} disagree{'s' * (len(names) == 1)} with all others "
         f"{by}, {size:.0f} times the stated standard deviations ({some(list(names), 5)}){cause} "
-        f"They count with standard deviations {size:.0f} times as large; --reject-gnss leaves them "
-        "out."
+        f"They are set aside, with standard deviations {size:.0f} times as large; --reject-gnss "
+        "takes them out."
     )
