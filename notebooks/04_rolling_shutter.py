@@ -230,9 +230,8 @@ for method in ("neighbours", "strip"):
 # hold the tilt across.)
 #
 # One simulated flight proves nothing: how large an error turns out changes from flight to flight by
-# a factor of two. So every survey is flown at least eight times, but the three flights together
-# only twice, since their 648 images take long. The draws stand in `notebooks/viabon.csv` (`python
-# -m kit.viabon` makes them, and a test makes some of them again):
+# a factor of two. So every survey is flown at least eight times. The draws stand in
+# `notebooks/viabon.csv` (`python -m kit.viabon` makes them, and a test makes some of them again):
 
 # %%
 table = viabon.read()

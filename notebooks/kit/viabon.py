@@ -442,14 +442,12 @@ AMOUNTS = {
         "velocity": (1.0, 2.0), "control": (2.0, 4.0), "marks": (2.0, 4.0),
     },
 }  # fmt: skip
-# Fewer draws of what is named here: none, since no verdict rests on a few.
-FEW: dict[tuple[str, str], int] = {}
 PLANNED = [
     (survey, cause, amount, seed)
     for survey, causes in AMOUNTS.items()
     for cause, amounts in {NOTHING: (0.0,), **causes}.items()
     for amount in amounts
-    for seed in range(24 if (survey, cause) == ("d2", NOTHING) else FEW.get((survey, cause), SEEDS))
+    for seed in range(24 if (survey, cause) == ("d2", NOTHING) else SEEDS)
 ]
 # Seeds below this number estimate a motion of each image as well.
 PER_IMAGE = dict.fromkeys(
