@@ -161,7 +161,7 @@ def evidence():
     asked = {
         "effects of ten sigmas that the flight can tell apart: named": alone,
         "effects of any size: named": "named, effects",
-        "... in the set that is named": "in the set that is named, effects",
+        "effects of any size: in the set that is named": "in the set that is named, effects",
         "wrong names": "wrong names beside hidden effects",
         "untouched parts of which something is said": "untouched blocks of which something is said",
     }
@@ -171,10 +171,11 @@ def evidence():
         f"the last digit, {agree} of {rows} rows within what both can say | "
         "[digits](digits.md): DBAT, pyBundleBlock, AICON |"
     )
-    for words, key in asked.items():
+    for number, (words, key) in enumerate(asked.items()):
+        question = "" if number else "Is the diagnosis right? "
         lines.append(
-            f"| Is the diagnosis right? {words} | {rates[key]} | effects put into parts of a "
-            "measured survey ([guarantees](guarantees.md)) |"
+            f"| {question}{words} | {rates[key]} | effects put into parts of a measured survey "
+            "([guarantees](guarantees.md)) |"
         )
     for one in times:
         low, high = one["ratio_range"]
