@@ -23,7 +23,7 @@
 # You need to know what a bundle adjustment is for, not how it works. The block is a folder of
 # plain files; to see your own, change `block` below and run everything again. *Marks* are image
 # measurements of surveyed ground points; *tie points* are seen in images and not surveyed.
-# *Run time on one core: about 10 seconds; in the fast form about 10 seconds.*
+# *Run time on one core: about 30 seconds; in the fast form about 20 seconds.*
 
 # %% tags=["parameters"]
 fast = False  # leave out the real blocks at the end

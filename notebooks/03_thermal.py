@@ -21,7 +21,7 @@
 # the ground is the next notebook, `03b_thermal_on_the_ground`.
 #
 # You need to know what a focal length is.
-# *Run time on one core: about 40 seconds; in the fast form about 40 seconds.*
+# *Run time on one core: about 50 seconds; in the fast form about 40 seconds.*
 
 # %% tags=["parameters"]
 fast = False  # fewer pictures and draws: the curves are then thinner, the story is the same

@@ -27,7 +27,7 @@
 #
 # You need to know what a bundle adjustment is and what check points are. The bicycle wheel has a
 # page of its own, `04b_bike_wheel`.
-# *Run time on one core: about 4 minutes; in the fast form about 4 minutes.*
+# *Run time on one core: about 3 minutes; in the fast form about 60 seconds.*
 
 # %% tags=["parameters"]
 fast = False  # fewer variants
@@ -613,8 +613,9 @@ rows["none"] = [viabon.as_text(viabon.gain(kept, f"m-8p-GCP{k}"), 0) for k in (1
 pd.DataFrame.from_dict(rows, orient="index", columns=["gain, set 1 (%)", "gain, set 2 (%)"])
 
 # %% [markdown]
-# With priors, however wide, the same motions make the corridor better: six numbers an image that
-# nothing holds take what poses and camera need. That is what the published loss looks like.
+# With priors the same motions make the corridor better in the median of the draws; without any they
+# make it worse in all: six numbers an image that nothing holds take what poses and camera need. That
+# is what the published loss looks like.
 #
 # ### Dataset 3: what brings the height to 3 cm?
 #

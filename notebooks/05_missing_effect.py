@@ -27,7 +27,7 @@
 #
 # You need to know what a bundle adjustment is, and what a check point is. Chapter 4 says what a
 # rolling shutter does.
-# *Run time on one core: about 5 minutes; in the fast form about 70 seconds.*
+# *Run time on one core: about 6 minutes; in the fast form about 90 seconds.*
 
 # %% tags=["parameters"]
 fast = False  # fewer simulated counterparts and geometries, and no real flights
