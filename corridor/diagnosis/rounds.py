@@ -224,8 +224,7 @@ def _without_motion(block: Block, chosen: Candidates) -> list[str]:
     names += " is" if len(gone) == 1 else " are"
     if at_once:
         return [
-            f"block.toml states that all rows are read at once (readout_s = 0): {names} not "
-            "tested."
+            f"block.toml states that all rows are read at once (readout_s = 0): {names} not tested."
         ]
     return [
         f"Nothing in the block states how the camera moves while rows are read: {names} not "

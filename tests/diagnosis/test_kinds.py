@@ -170,9 +170,16 @@ def test_a_free_network_is_asked_for_what_it_predicts():
 
 class TestCheckPointsThatNothingExplains:
     @staticmethod
-    def told(sigmas, gnss=3):
+    def told(sigmas, gnss=3, off=(0.7, 0.7, 0.7)):
         gap, block = {"check_m": {"before": 0.7, "after": 0.7}}, SimpleNamespace(gnss=[0] * gnss)
-        return _off(SimpleNamespace(gap=gap, check_sigmas=sigmas, block=block))
+        table = pd.DataFrame({"point": ["A", "B", "C"], "dx": 0.0, "dy": 0.0, "dz": off})
+        after = SimpleNamespace(check_points=table.assign(sx=0.01, sy=0.01, sz=0.01))
+        return _off(SimpleNamespace(gap=gap, check_sigmas=sigmas, block=block, after=after))
+
+    def test_one_that_is_off_alone_is_named(self):
+        told = self.told(9.0, off=(0.01, -0.3, 0.01))
+        assert "check point B is off by -300 mm in height, alone: the others by 10 mm" in told
+        assert "gnss_bias" not in told
 
     def test_they_are_told_beside_nothing_with_what_to_do(self):
         assert "9.0 times" in self.told(9.0) and "--effect gnss_bias" in self.told(9.0)

@@ -55,6 +55,8 @@ _WILD = 0.1
 _SPARE = 0.05
 # Points that two images need to be oriented to each other (Nistér 2004).
 _FOR_A_PAIR = 5
+# Sigma naught of what has been adjusted to something that cannot be.
+_WRECKED = 20.0
 # A point that ends this near to a camera, of where it began, has fallen into it.
 _FALLEN = 0.1
 
@@ -203,7 +205,7 @@ def _with_ground_as_seen(
         result = whole(block)
     except (InputError, AdjustmentFailed) as error:
         failure = error
-    if failure is not None or not result.converged:
+    if failure is not None or not result.converged or result.sigma0 > _WRECKED:
         sound, notes = without_exchanged(block, model, lambda *bare: again(*bare).block)
         if notes:
             try:

@@ -11,13 +11,14 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 
 from corridor.core.adjustment.blunders import exchanged_points
-from corridor.core.adjustment.group_variances import FACTOR, false_apart
+from corridor.core.adjustment.group_variances import FACTOR, false_apart, lengths
 from corridor.core.adjustment.result import Adjustment
 from corridor.core.camera import project
 from corridor.core.errors import AdjustmentFailed, InputError, some
-from corridor.core.geometry import GROSS, robust_scale_of_lengths
+from corridor.core.geometry import GROSS, OUTLIER, robust_scale_of_lengths
 from corridor.core.output import counted
 
 Again = Callable[..., Adjustment]
@@ -27,6 +28,8 @@ _LOSS = "cauchy:2"
 _MOST = 0.4
 # A mark belongs to the point that it lies nearest to, by so much of the distance of its own.
 _NEARER = 0.1
+# Median of the length of three errors of standard deviation 1.
+_OF_THREE = 1.538
 _ROUNDS = 4
 _NAMED = 5
 
@@ -34,11 +37,9 @@ _NAMED = 5
 def without_gross_errors(result: Adjustment, again: Again) -> Adjustment:
     """Adjusted without gross errors in marks and antenna positions, where that makes all else fit.
 
-    The result itself where it fits, holds none, or they are no handful. Positions keep a row, with
-    a standard deviation of their own size.
+    The result itself where it holds none, or they are no handful. Positions keep a row, with a
+    standard deviation of their own size.
     """
-    if result.sigma0 < FACTOR:
-        return result
     found = result
     for _ in range(_ROUNDS):
         notes: list[str] = []
@@ -47,25 +48,39 @@ def without_gross_errors(result: Adjustment, again: Again) -> Adjustment:
             better = _without_marks(better, again, notes)
         except (InputError, AdjustmentFailed):
             break
-        if better is found:
+        if better is found or not better.converged:
             break
         for note in reversed(notes):
             better.add_note(note)
         found = better
-    fits = found.converged and found.sigma0 < result.sigma0 / FACTOR
-    return found if fits else result
+    return found
+
+
+def _square(result: Adjustment) -> float:
+    """Sum of squares of what is no tie point, in stated standard deviations, and of usable ties."""
+    total = 0.0
+    for kind, table in result.residuals.items():
+        if len(table) and kind != "tie":
+            v = [axis for axis in ("vx", "vy", "vz") if axis in table]
+            sigma = ["sigma"] * 2 if "sigma" in table else ["s" + axis[1] for axis in v]
+            total += float(((table[v].to_numpy() / table[sigma].to_numpy()) ** 2).sum())
+    ties = result.statistics["tie"]
+    return total + (2.0 * ties["count"] * ties["sigma0"] ** 2 if ties else 0.0)
 
 
 def _without_positions(result: Adjustment, again: Again, notes: list[str]) -> Adjustment:
     table = result.residuals["gnss"]
-    size = table[["vx", "vy", "vz"]].to_numpy() / table[["sx", "sy", "sz"]].to_numpy()
-    length = np.linalg.norm(size, axis=1)
-    p = result.problem
+    sigma = table[["sx", "sy", "sz"]].to_numpy()
+    size = np.linalg.norm(table[["vx", "vy", "vz"]].to_numpy() / sigma, axis=1)
+    # At a glance; their own standard deviations need covariances.
+    if not len(size) or not (size > OUTLIER * max(np.median(size), 1.0)).any():
+        return result
+    p, length = result.problem, lengths(result, sigma)
     flight = p.images.flight[p.gnss_image]
     flights = []
     for number in np.unique(flight):
         mine = length[flight == number]
-        far = np.count_nonzero(mine > GROSS * max(np.median(mine), 1.0))
+        far = np.count_nonzero(mine > GROSS * max(np.median(mine) / _OF_THREE, 1.0))
         if 0 < far < _MOST * len(mine):
             flights.append(str(p.images.flight_names[number]))
     if not flights:
@@ -86,8 +101,8 @@ def _exchanged(found: Adjustment) -> list[str]:
     if not pairs:
         return []
     return [
-        f"Of the GNSS positions set aside some are exchanged: {'; '.join(pairs)}. Are the images in "
-        "order?"
+        f"Of the GNSS positions set aside some are exchanged: {'; '.join(pairs)}. Are the images "
+        "in order?"
     ]
 
 
@@ -99,6 +114,8 @@ def _without_marks(result: Adjustment, again: Again, notes: list[str]) -> Adjust
     table = robust.residuals["mark"]
     length = np.hypot(table["vx"], table["vy"]).to_numpy() / table["sigma"].to_numpy()
     wrong = length > GROSS * robust_scale_of_lengths(length, least=1.0)
+    # Where most marks of a point are off, it is the point that lies elsewhere.
+    wrong &= pd.Series(wrong).groupby(table["point"].astype(str)).transform("mean").to_numpy() < 0.5
     if not wrong.any() or wrong.sum() > _MOST * len(wrong):
         return result
     gone = table[wrong]
@@ -107,8 +124,12 @@ def _without_marks(result: Adjustment, again: Again, notes: list[str]) -> Adjust
     rows = zip(marks["image"].astype(str), marks["point"].astype(str), strict=True)
     kept = np.array([row not in keys for row in rows])
     start = block.with_(marks=marks[kept].reset_index(drop=True))
+    found = again(start, model)
+    # Squares that fit with them bear them: the marks are told among the outliers.
+    if not _square(found) < _square(result) / FACTOR**2:
+        return result
     notes.append(_told(robust, gone))
-    return again(start, model)
+    return found
 
 
 def _told(robust: Adjustment, gone) -> str:

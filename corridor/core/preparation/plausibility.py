@@ -275,6 +275,9 @@ def _marks_of_other_pictures(block: Block) -> Iterator[str]:
             return
     if not abs(np.log(max(factor, 1e-9))) > _RESIZED or left > _OF_RESIZED * off:
         return
+    # A factor that takes whatever is there to the corner leaves marks where they are.
+    if left > _OF_RESIZED * np.median(np.linalg.norm(measured, axis=1)):
+        return
     width, height = factor * cameras[known][0, 3:]
     yield (
         f"Marks lie {off:.0f} px (median) from where the start values put them, all towards the "
