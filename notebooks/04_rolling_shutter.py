@@ -614,8 +614,8 @@ pd.DataFrame.from_dict(rows, orient="index", columns=["gain, set 1 (%)", "gain, 
 
 # %% [markdown]
 # With priors the same motions make the corridor better in the median of the draws; without any they
-# make it worse in all: six numbers an image that nothing holds take what poses and camera need. That
-# is what the published loss looks like.
+# make it worse in all: six numbers an image that nothing holds take what poses and camera need.
+# That is what the published loss looks like.
 #
 # ### Dataset 3: what brings the height to 3 cm?
 #

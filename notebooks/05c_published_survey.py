@@ -225,8 +225,8 @@ pd.DataFrame.from_dict(gap, orient="index", columns=columns).round(2)
 
 # %% [markdown]
 # The survey of all three flights is a test: nothing was fitted to it. The rate of the 90 m flight,
-# 1 deg/s, takes it from 6 predictions of 23 to 15 (single flights: from 5 to 8, to 9 to 15), and the
-# typical factor of the 3D RMS from 1.9 to 1.2.
+# 1 deg/s, takes it from 6 predictions of 23 to 15 (single flights: from 5 to 8, to 9 to 15), and
+# the typical factor of the 3D RMS from 1.9 to 1.2.
 #
 # ## 4. What speaks against it
 #
