@@ -7,7 +7,7 @@ import time
 from dataclasses import asdict
 
 from corridor.core.adjustment import Adjustment, Model, Run, implausible, sound_part
-from corridor.core.block import Block, read, without_distances
+from corridor.core.block import Block, read, with_equal_axes, without_distances
 from corridor.core.engine.threads import one_thread
 from corridor.core.options import options
 from corridor.core.output import plain
@@ -105,8 +105,9 @@ def _diagnose(
     """With the settings in use."""
     began = time.perf_counter()
     block, unused = without_distances(read(block))
+    block, equal = with_equal_axes(block)
     block, found, notes = prepare(block)
-    notes = [*unused, *(one.sentence for one in found if one.column == "gnss"), *notes]
+    notes = [*unused, *equal, *(one.sentence for one in found if one.column == "gnss"), *notes]
     block, left_out = sound_part(block, model, run.strict)
     doubtful = doubts(block)
     notes = [*left_out, *notes]

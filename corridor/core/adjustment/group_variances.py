@@ -77,12 +77,10 @@ def components(adjustment: Adjustment) -> pd.DataFrame:
     rows, taken = [], 0.0
     reliability = adjustment.reliability
     for kind in ("gnss", "control", "attitude"):
-        table = getattr(reliability, kind)
+        square, share = reliability.independent(kind)
         of_flights = kind in POSE_KINDS
-        flights = np.full(len(table) // 3, "", object)
+        flights = np.full(len(share), "", object)
         flights = _flights(adjustment, kind) if of_flights else flights
-        share = table["redundancy"].to_numpy().reshape(-1, 3)
-        square = (table["w"].fillna(0.0) ** 2 * table["redundancy"]).to_numpy().reshape(-1, 3)
         for flight in dict.fromkeys(flights.tolist()):
             mine = flights == flight
             for part, axes in (_TURNS if kind == "attitude" else AXES).items():
@@ -443,12 +441,14 @@ def lengths(found: Adjustment, sigma: np.ndarray) -> np.ndarray:
     positions are good to sigma (k, 3), m; some may count for nothing in what is found."""
     table = found.residuals["gnss"]
     v, used = table[["vx", "vy", "vz"]].to_numpy(), table[["sx", "sy", "sz"]].to_numpy()
-    share = of_antennas(found.covariance)
-    outer = used[:, :, None] * used[:, None, :]
+    share, p = of_antennas(found.covariance), found.problem
+    back = np.linalg.inv(np.sqrt(p.gnss_weight)[:, :, None] * p.gnss_turn)
     silent = (used > 2.0 * sigma).any(axis=1)
+    own = (sigma / used)[:, :, None] * back
     # What counts has part in its own prediction; what does not is predicted by all others.
-    left_out = outer * (np.eye(3) - share) + np.eye(3) * (sigma**2)[:, :, None]
-    variance = np.where(silent[:, None, None], left_out, outer * share)
+    across = back.transpose(0, 2, 1)
+    left_out = back @ (np.eye(3) - share) @ across + own @ own.transpose(0, 2, 1)
+    variance = np.where(silent[:, None, None], left_out, back @ share @ across)
     variance += 1e-6 * np.eye(3) * (sigma**2)[:, :, None]
     return np.sqrt(np.einsum("ni,ni->n", v, np.linalg.solve(variance, v[:, :, None])[:, :, 0]))
 

@@ -204,7 +204,8 @@ def common_errors(
 def common_control(epochs: list[Epoch]) -> list[str]:
     """Names of control points that both epochs were given with the same coordinates."""
     first, second = (
-        dict(zip(e.system.control.names, e.system.control.given, strict=True)) for e in epochs
+        dict(zip(c.names, c.along_axes(c.given), strict=True))
+        for c in (e.system.control for e in epochs)
     )
     return [n for n in first if n in second and np.abs(first[n] - second[n]).max() < SAME_M]
 
@@ -221,13 +222,15 @@ def _control(epochs: list[Epoch]) -> list[Common]:
         points = np.array([point[name] for name in names])
         gains, number = epoch.gains(points)
         weight = control.sigma[rows] ** -2.0
-        own = block_diag(list(gains.own[number] * weight[:, None, :]))
+        across = control.turn[rows].transpose(0, 2, 1)
+        own = block_diag(list(gains.own[number] @ across * weight[:, None, :]))
         direct = csr_array(coordinates(epoch, points).T @ own)
         columns = (3 * number[:, None] + np.arange(3)).ravel()
         # An effect of the ground moves what was given, whatever the point.
         own = 3 * np.array(rows)[:, None] + np.arange(3)
         given = control.jacobian[own.ravel()].T.toarray()
-        right = (given - gains.gain[:, columns].toarray()) * weight.ravel()
+        seen = (gains.gain[:, columns] @ block_diag(list(across))).toarray()
+        right = (given - seen) * weight.ravel()
         sides.append(Side.of(epoch, right, direct))
         sigma.append(epoch.sigma0 * control.sigma[rows].ravel())
     return [Common(tuple(sides), np.diag(sigma[0] * sigma[1]))]
@@ -266,7 +269,7 @@ def _known(columns) -> dict[str, tuple[int, float, float]]:
 def _antennas(epoch: Epoch) -> Side:
     """A metre of constant error on every antenna position, by axis."""
     gnss = epoch.system.gnss
-    moved = np.tile(np.eye(3), (len(gnss.names), 1)) / gnss.sigma.reshape(-1, 1) ** 2
+    moved = gnss.turn.reshape(-1, 3) / gnss.sigma.reshape(-1, 1) ** 2
     return Side.of(epoch, np.asarray(gnss.jacobian.T @ moved))
 
 
