@@ -36,6 +36,7 @@ from corridor.core.adjustment.uncertain_motion import MotionScale
 from corridor.core.block import Block, turned
 from corridor.core.effects import every_effect
 from corridor.core.errors import AdjustmentFailed, InputError, some
+from corridor.core.geometry import OUTLIER
 from corridor.core.output import counted
 from corridor.core.preparation import derived, record_derived
 
@@ -221,6 +222,9 @@ def with_common_offset(result: Adjustment, again: Again, stated: np.ndarray) -> 
         return result
     offset, test = _common_offset(result)
     if test < chdtri(max(np.count_nonzero(offset), 1), RARE):
+        return result
+    # What drifts is off in the mean too, and by no more than it drifts.
+    if lasting and (np.abs(offset) < OUTLIER * np.median(stated, axis=0)).all():
         return result
     several = len(p.images.flight_names) > 1
     effect = shared.per("flight") if several else shared
