@@ -7,7 +7,7 @@ import time
 from dataclasses import asdict
 
 from corridor.core.adjustment import Adjustment, Model, Run, implausible, sound_part
-from corridor.core.block import Block, read, without_distances
+from corridor.core.block import Block, read, with_equal_axes, without_distances
 from corridor.core.engine.threads import one_thread
 from corridor.core.options import options
 from corridor.core.output import plain
@@ -16,6 +16,7 @@ from corridor.diagnosis.anomalies.variance import variance_alarms
 from corridor.diagnosis.anomalies.wrong_matches import broken_picture, outlier_clusters, shows_as
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.findings.findings import Findings
+from corridor.diagnosis.findings.separation import not_separated
 from corridor.diagnosis.findings.verdict import detection_limits, findings
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.report import actions, as_html, as_text, evidence, save, sentence
@@ -104,8 +105,9 @@ def _diagnose(
     """With the settings in use."""
     began = time.perf_counter()
     block, unused = without_distances(read(block))
+    block, equal = with_equal_axes(block)
     block, found, notes = prepare(block)
-    notes = [*unused, *(one.sentence for one in found if one.column == "gnss"), *notes]
+    notes = [*unused, *equal, *(one.sentence for one in found if one.column == "gnss"), *notes]
     block, left_out = sound_part(block, model, run.strict)
     doubtful = doubts(block)
     notes = [*left_out, *notes]
@@ -120,6 +122,7 @@ def _diagnose(
     _add_discontinuity(found, before, last.adjustment)
     untestable = sorted(course.candidates.untestable.items())
     limits = detection_limits(last)
+    inseparable = not_separated(last)
     run.say("comparing two halves of the images")
     halves = compare_halves(believed, course.members(last.keys), last.noise, last.lens)
     last.let_go()
@@ -140,6 +143,7 @@ def _diagnose(
         notes=[
             *doubtful,
             *implausible(before),
+            *inseparable,
             *course.notes,
             *course.impossible.values(),
             *course.idle,

@@ -20,6 +20,7 @@ from corridor.core.block import Block
 from corridor.core.brief import brief
 from corridor.core.effects import Effect, believed_of
 from corridor.core.errors import AdjustmentFailed
+from corridor.core.geometry import GROSS
 from corridor.diagnosis.noise.image import scale_of
 from corridor.diagnosis.settings import SETTINGS
 
@@ -162,14 +163,20 @@ class ReferenceModel:
         arm = "free" if result.problem.arms_free else "fixed"
         self.model = replace(self.model, lever_arm=arm)
         images = set(result.problem.images.names)
-        self.left_out = [note for note in result.notes if "left out" in note]
+        self.left_out = [note for note in result.notes if "left out" in note or "set aside" in note]
         block = self.block
         if len(images) < len(block.images):
             block = block.select(images=[n for n in block.images["image"] if n in images])
+        gnss = result.start.gnss
+        if len(gnss) == len(block.gnss) > 0:
+            # What was set aside says nothing, whatever noise is estimated of the rest.
+            factor = (result.start.gnss_sigma() / block.gnss_sigma()).max(axis=1)
+            gnss = gnss[factor < GROSS * np.median(factor)].reset_index(drop=True)
         self.block = replace(
             block,
             tie_points=result.problem.block.tie_points,
-            gnss=result.start.gnss,
+            marks=result.problem.block.marks,
+            gnss=gnss,
             extra=result.start.extra,
         )
 

@@ -22,7 +22,7 @@ from corridor.diagnosis.evidence.blunders import Blunders, blunders, price, stan
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.lens import Lens, lens_group, lens_of, names_of_lens
 from corridor.diagnosis.evidence.nothing import probability_of_nothing
-from corridor.diagnosis.evidence.plausibility import impossible, plausible
+from corridor.diagnosis.evidence.plausibility import impossible, nameless, plausible
 from corridor.diagnosis.evidence.scores import Influence, as_spread, drawn, inflation_of_scores
 from corridor.diagnosis.evidence.search import Found, search, thresholds
 from corridor.diagnosis.noise.gnss import GnssNoise
@@ -221,13 +221,13 @@ def _without_motion(block: Block, chosen: Candidates) -> list[str]:
         return []
     chosen.effects = [effect for effect in chosen.effects if effect not in gone]
     names = ", ".join(sorted(effect.slug for effect in gone))
+    names += " is" if len(gone) == 1 else " are"
     if at_once:
         return [
-            f"block.toml states that all rows are read at once (readout_s = 0): {names} are not "
-            "tested."
+            f"block.toml states that all rows are read at once (readout_s = 0): {names} not tested."
         ]
     return [
-        f"Nothing in the block states how the camera moves while rows are read: {names} are not "
+        f"Nothing in the block states how the camera moves while rows are read: {names} not "
         "tested, and what differs from row to row has no name. Velocities in images.csv, or "
         "readout_s in block.toml, would give it one."
     ]
@@ -384,6 +384,12 @@ class _Asked:
         sigmas = np.abs(moved / self.adjustment.point_sigma)
         return bool(np.nanmedian(sigmas, axis=0).max() > SETTINGS.cost_sigmas)
 
+    @property
+    def _moving(self) -> bool:
+        """Whether the block states how the camera moves during a readout, or that there is one."""
+        block = self.adjustment.problem.block
+        return len(block.rates) > 0 or any(c.readout_s for c in block.cameras.values())
+
     def _barred(self) -> set[str]:
         """What is no explanation: impossible sizes, and other names of a lens that is modelled."""
         return set(self.barred) | names_of_lens(self.equations)
@@ -416,10 +422,10 @@ class _Asked:
         return found, Blunders()
 
     def _possible(self, evidence: Evidence, threshold: float, kept=()) -> Found:
-        """The search without what would need an impossible size; barred grows by that."""
+        """The search without what needs an impossible size or has no name; barred grows by that."""
         while True:
             found = search(evidence, threshold, self.model, kept)
-            beyond = impossible(evidence, found)
+            beyond = impossible(evidence, found) | nameless(evidence, found, self._moving)
             if not beyond:
                 return found
             self.barred |= beyond

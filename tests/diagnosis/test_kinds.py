@@ -10,6 +10,9 @@ from believing import believed
 from believing import flown as two_flights
 from strips import corridor_block
 
+from benchmarks.diagnosis.generator.cases import single
+from benchmarks.diagnosis.generator.generate import generate
+from benchmarks.ladder import made
 from corridor.core.adjustment import Model
 from corridor.core.effects import add, candidates, find
 from corridor.core.simulation import CAMLIGHT, add_noise
@@ -100,6 +103,26 @@ class TestRowsReadWhileTheCameraMoves:
         assert "rolling_shutter_rotation" in names and not notes
 
 
+class TestShiftsOfRowsInEachImage:
+    """A turn during the readout shears rows as well; what shifts them as a whole has no name."""
+
+    @staticmethod
+    def found(block):
+        return {one["slug"] for one in diagnose(block).effects if one["class"] == "named"}
+
+    @pytest.mark.parametrize("seed", [1, 2])
+    def test_a_camera_that_turns_is_named(self, seed):
+        case = single("rolling_shutter_rotation", 0.5, images=40, observations=150)
+        assert self.found(generate(case, seed).block) == {"rolling_shutter_rotation"}
+
+    def test_rows_that_shift_are_not_called_so(self):
+        hidden = made(12, 4)
+        assert hidden.truth["outside"] == ["rows"]
+        found = diagnose(hidden.block)
+        assert not found.effects
+        assert any("is not taken for the cause" in note for note in found.notes)
+
+
 class TestFlightsThatDiffer:
     def test_the_sigma_of_a_difference_knows_nothing_of_what_they_have_in_common(self):
         """Values of two flights known to 0.2 apart from each other, and to 300 together."""
@@ -147,9 +170,16 @@ def test_a_free_network_is_asked_for_what_it_predicts():
 
 class TestCheckPointsThatNothingExplains:
     @staticmethod
-    def told(sigmas, gnss=3):
+    def told(sigmas, gnss=3, off=(0.7, 0.7, 0.7)):
         gap, block = {"check_m": {"before": 0.7, "after": 0.7}}, SimpleNamespace(gnss=[0] * gnss)
-        return _off(SimpleNamespace(gap=gap, check_sigmas=sigmas, block=block))
+        table = pd.DataFrame({"point": ["A", "B", "C"], "dx": 0.0, "dy": 0.0, "dz": off})
+        after = SimpleNamespace(check_points=table.assign(sx=0.01, sy=0.01, sz=0.01))
+        return _off(SimpleNamespace(gap=gap, check_sigmas=sigmas, block=block, after=after))
+
+    def test_one_that_is_off_alone_is_named(self):
+        told = self.told(9.0, off=(0.01, -0.3, 0.01))
+        assert "check point B is off by -300 mm in height, alone: the others by 10 mm" in told
+        assert "gnss_bias" not in told
 
     def test_they_are_told_beside_nothing_with_what_to_do(self):
         assert "9.0 times" in self.told(9.0) and "--effect gnss_bias" in self.told(9.0)

@@ -19,7 +19,8 @@ from corridor.core.adjustment.datum import (
     open_motions,
     scaled_by_distances,
 )
-from corridor.core.adjustment.group_variances import with_gnss_as_it_is
+from corridor.core.adjustment.gross_errors import without_gross_errors
+from corridor.core.adjustment.group_variances import from_where_it_ended, with_gnss_as_it_is
 from corridor.core.adjustment.left_out import sound_part
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.matrix import Singular
@@ -38,6 +39,7 @@ from corridor.core.adjustment.variance_components import (
 )
 from corridor.core.block import Block, read, with_rigid_poses
 from corridor.core.effects import Effect, check_needs
+from corridor.core.engine.rays import SQUARES
 from corridor.core.errors import AdjustmentFailed, InputError, some
 from corridor.core.options import options
 from corridor.core.output import Progress, counted, telling
@@ -53,6 +55,8 @@ _WILD = 0.1
 _SPARE = 0.05
 # Points that two images need to be oriented to each other (Nistér 2004).
 _FOR_A_PAIR = 5
+# Sigma naught of what has been adjusted to something that cannot be.
+_WRECKED = 20.0
 # A point that ends this near to a camera, of where it began, has fallen into it.
 _FALLEN = 0.1
 
@@ -147,7 +151,7 @@ def adjust(
             return found
 
     def whole(part: Block) -> Adjustment:
-        found = again(part)
+        found = _without_gross_errors(part, model, again)
         if reject_gnss:
             found = without_false_fixes(found, again)
         found = weighted_by_scatter(found, again)
@@ -201,7 +205,7 @@ def _with_ground_as_seen(
         result = whole(block)
     except (InputError, AdjustmentFailed) as error:
         failure = error
-    if failure is not None or not result.converged:
+    if failure is not None or not result.converged or result.sigma0 > _WRECKED:
         sound, notes = without_exchanged(block, model, lambda *bare: again(*bare).block)
         if notes:
             try:
@@ -211,6 +215,20 @@ def _with_ground_as_seen(
     if failure is not None:
         raise failure
     return result, []
+
+
+def _without_gross_errors(block: Block, model: Model, again: Callable) -> Adjustment:
+    """The block adjusted, without what squares do not get over.
+
+    A robust loss limits image points, and not positions: it is for squares to tell what is gross.
+    """
+    if Loss.parse(model.loss).kind == SQUARES:
+        return without_gross_errors(again(block), again)
+    try:
+        found = without_gross_errors(again(block, replace(model, loss="squares")), again)
+    except (InputError, AdjustmentFailed):
+        return again(block)
+    return from_where_it_ended(found, found.start, model, again)
 
 
 def _used(prepared: Prepared, effects: list[Effect]) -> list[str]:

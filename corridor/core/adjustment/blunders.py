@@ -27,6 +27,9 @@ _SLIP = " (a comma or a digit out of place?)"
 # Two exchanged points lie on each other's place but for this share of their distance, and beyond
 # so many robust sigmas off their own.
 EXCHANGED, _EXCHANGED_SIGMAS, _FARTHEST = 0.25, 5.0, 20
+# Another reading of the coordinates is the right one where it leaves less than this share; so far
+# off, m, points lie elsewhere: nearer, an adjustment gets over it and tells.
+_ALIKE, _ELSEWHERE_M, _FOOT_M = 0.1, 2.0, 0.3048
 # Control points that hold a block without GNSS.
 _LEAST_CONTROL = 3
 
@@ -85,10 +88,11 @@ def without_exchanged(
     """The block without exchanged ground points where no start pose shows them, and sentences.
 
     For blocks that cannot be adjusted with them: `adjusted` is asked to do without ground control,
-    on GNSS alone, and shows then where ground points lie.
+    on GNSS alone, and shows then where ground points lie. Raises AdjustmentFailed where all lie
+    elsewhere: in another unit, with other axes, or by one vector.
     """
     told = model.control is not None or model.check is not None
-    if told or len(block.gnss) < 4 or len(block.ground) < 4 or _posed(block):
+    if told or len(block.gnss) < 4 or len(block.ground) < 4:
         return block, []
     bare = block.copy()
     bare.ground["role"] = "unused"
@@ -96,8 +100,74 @@ def without_exchanged(
         blind = adjusted(bare, model.without_effects())
     except (InputError, AdjustmentFailed):
         return block, []
+    given = block.numbers("ground", *"xyz")[model.roles(block) != "unused"]
+    seen = where_seen(blind, blind.poses)[model.roles(block) != "unused"]
+    elsewhere = _elsewhere(given, seen, _ALIKE * _height(block, blind.poses))
+    if elsewhere:
+        raise AdjustmentFailed(elsewhere)
+    if _posed(block):
+        return block, []
     notes: list[str] = []
     return _ground(block, block, model, blind.poses, notes, seen_by=blind), notes
+
+
+def _in_place(block: Block, pose: np.ndarray) -> bool:
+    """Whether poses lie where the GNSS has them, in its scale."""
+    if len(block.gnss) < 4:
+        return False
+    given, at = block.numbers("gnss", *"xyz"), pose[block.image_rows("gnss"), :3]
+    known = np.isfinite(given).all(axis=1) & np.isfinite(at).all(axis=1)
+    if known.sum() < 4:
+        return False
+    return _apart(at[known], given[known]) < _ALIKE * np.ptp(given[known], axis=0).max()
+
+
+def _apart(one: np.ndarray, other: np.ndarray) -> float:
+    """How far points (n, 3) lie (median) from others, but for one vector."""
+    away = one - other
+    return float(np.median(np.linalg.norm(away - np.median(away, axis=0), axis=1)))
+
+
+def _read_otherwise(given: np.ndarray, seen: np.ndarray) -> str:
+    """In which unit or with which axes ground points (n, 3) lie where they are seen; "": as they
+    are."""
+    known = np.isfinite(given).all(axis=1) & np.isfinite(seen).all(axis=1)
+    given, seen = given[known], seen[known]
+    if len(given) < _LEAST_CONTROL:
+        return ""
+    left = _apart(given, seen)
+    for unit, metres in (("feet", _FOOT_M), ("millimetres", 1e-3), ("kilometres", 1e3)):
+        if _apart(metres * given, seen) < _ALIKE * left:
+            return f"ground.csv is in {unit}, beside images and GNSS in metres: convert it."
+    if _apart(given[:, [1, 0, 2]], seen) < _ALIKE * left:
+        return "ground.csv has x and y exchanged beside images and GNSS: x is east, y north."
+    return ""
+
+
+def _elsewhere(given: np.ndarray, seen: np.ndarray, far: float) -> str:
+    """Where all ground points (n, 3), m, lie beside where images and GNSS put them; "": nowhere.
+
+    far: below it a focal length that nobody knows may be the reason, m.
+    """
+    known = np.isfinite(given).all(axis=1) & np.isfinite(seen).all(axis=1)
+    given, seen = given[known], seen[known]
+    if len(given) < _LEAST_CONTROL:
+        return ""
+    otherwise = _read_otherwise(given, seen)
+    if otherwise:
+        return otherwise
+    middle, left = np.median(given - seen, axis=0), _apart(given, seen)
+    length = float(np.linalg.norm(middle))
+    if length < max(_ELSEWHERE_M, far) or left > _ALIKE * length:
+        return ""
+    vector = ", ".join(f"{value:+.2f}" for value in middle)
+    cause = "another datum, or the offset of block.toml taken off once too often or not at all"
+    if abs(middle[2]) > (1.0 - _ALIKE) * length:
+        cause = "heights above the ellipsoid and above the geoid, or another height system"
+    return (
+        f"All {len(given)} ground points lie ({vector}) m from where images and GNSS put them: "
+        f"{cause}? Correct ground.csv or gnss.csv."
+    )
 
 
 def _gnss(out: Block, block: Block, pose: np.ndarray, notes: list[str]) -> Block:
@@ -124,6 +194,9 @@ def _ground(
         return out
     given = block.numbers("ground", *"xyz")[used]
     seen = where_seen(seen_by or block, pose)[used]
+    otherwise = _read_otherwise(given, seen) if _in_place(block, pose) else ""
+    if otherwise:
+        raise InputError(otherwise)
     names = block.ground["point"].to_numpy(dtype=object)[used]
     pairs = exchanged_points(given, seen)
     notes.extend(told_exchanged(names[i], names[j]) for i, j in pairs)

@@ -62,7 +62,7 @@ class OfPoint(NamedTuple):
 
 
 def of_points(covariance: Covariance, points: Sequence[int]) -> Iterator[OfPoint]:
-    """R of the residuals of some marked points, one after the other."""
+    """R of the residuals of some points, one after the other; of marked ones it takes least."""
     system = covariance.system
     p = system.problem
     ground = system.control.jacobian
@@ -82,14 +82,16 @@ def of_points(covariance: Covariance, points: Sequence[int]) -> Iterator[OfPoint
             root = np.sqrt(p.control_weight[control])
             moved = ground[3 * control : 3 * control + 3][:, columns].toarray()
             by = np.concatenate([by, moved * root[:, None]])
-            at_point = np.concatenate([at_point, np.diag(root)])
+            at_point = np.concatenate([at_point, root[:, None] * p.control_turn[control]])
         half = np.zeros((3, 3))
         half[np.tril_indices(3)] = rays.root[0]
         half = at_point @ half.T
         left = np.eye(len(at_point)) - half @ half.T
         seen = left @ by
         between = covariance.poses_shared[columns[: len(names) * d]]
-        known = np.block([[covariance.of_marked[point], between], [between.T, covariance.shared]])
+        poses = covariance.of_marked.get(point)
+        poses = covariance.of_images(names) if poses is None else poses
+        known = np.block([[poses, between], [between.T, covariance.shared]])
         share = left - seen @ known @ seen.T
         yield OfPoint(point, share, columns, seen[2 * n :], left[2 * n :, 2 * n :])
 

@@ -106,6 +106,7 @@ class Design:
         self.weight = np.broadcast_to(p.weight, len(p.img))
         self._control = system.control
         self._control_weight = self._control.sigma.reshape(-1, 1) ** -2.0
+        self._turn = p.control_turn
         # Points with a row of their own: the control, and those that are followed.
         controls = len(p.control_given)
         self._row = p.control.astype(np.int64)
@@ -138,8 +139,8 @@ class Design:
     def _made_room(self) -> tuple:
         """What kernels move on, the weights of points with a row, and room for a point's rays."""
         p = self._problem
-        weight = np.zeros((self._numbered + 1, 3))
-        weight[: len(p.control_given)] = p.control_weight
+        weight = np.zeros((self._numbered + 1, 6))
+        weight[: len(p.control_given)] = self._normal.control_weight[0]
         return self._modelled.copy(), weight, make_room(self._normal.longest, p.d, p.wide)
 
     def _rays(self, first: int, last: int, room: tuple) -> Rays:
@@ -173,7 +174,7 @@ class Design:
             _pass_points(rays, _seen(sets, rows).ravel(), passing)
         out = np.ascontiguousarray(unknowns[:, :k])
         if len(self._control.names):
-            left = sets.control - passing.moves(k)[: len(self._control.names)].reshape(-1, k)
+            left = sets.control - self._turned(passing.moves(k)).reshape(-1, k)
             out += self._control.jacobian.T @ (self._control_weight * left)
         return out
 
@@ -195,7 +196,7 @@ class Design:
             for one, less in zip(sets.image, change.T, strict=False):
                 one[rows] -= less
         moved = passing.moves(k)
-        control = control - moved[: len(self._control.names)].reshape(control.shape)
+        control = control - self._turned(moved).reshape(control.shape)
         return sets._replace(control=control), moved[self._followed], square[:k]
 
     def _passing(self, control: np.ndarray, unknowns: np.ndarray, taken: bool) -> _Passing:
@@ -208,8 +209,13 @@ class Design:
         """Weighted residuals (numbered, 3, k) of the points with a row of their own."""
         k = control.shape[1]
         out = np.zeros((self._numbered, 3, k))
-        out[: len(self._control.names)] = (self._control_weight * control).reshape(-1, 3, k)
+        heavy = (self._control_weight * control).reshape(-1, 3, k)
+        out[: len(self._control.names)] = self._turn.transpose(0, 2, 1) @ heavy
         return out
+
+    def _turned(self, moved: np.ndarray) -> np.ndarray:
+        """Moves (numbered, 3, k) of the control in the coordinates of its rows (c, 3, k)."""
+        return self._turn @ moved[: len(self._control.names)]
 
 
 def _padded(sets: int) -> int:
@@ -290,7 +296,7 @@ def _pass_points(rays, left, to):
 def rows_for(d: int, sighted: bool):
     """The kernel that makes the rows, for images with `d` unknowns; arguments as of the assembly's.
 
-    It gets the weight (points, 3) of control, where rows go (`_Out`), and room for a point's rays.
+    It gets the weight (points, 6) of control, where rows go (`_Out`), and room for a point's rays.
     """
 
     row = row_length(d)
@@ -302,8 +308,8 @@ def rows_for(d: int, sighted: bool):
         by_point, apart = (room.point, PANEL) if sighted else (room.own, row)
         for p in range(first, last):
             fill_rows(p, p + 1, scene, room, (np.int64(0), wide), np.int64(d))
-            v0, v2, v5 = weight[p - first, 0], weight[p - first, 1], weight[p - first, 2]
-            v1, v3, v4 = 0.0, 0.0, 0.0
+            v0, v1, v2 = weight[p - first, 0], weight[p - first, 1], weight[p - first, 2]
+            v3, v4, v5 = weight[p - first, 3], weight[p - first, 4], weight[p - first, 5]
             for k in range(2 * (start[p + 1] - start[p])):
                 n = 2 * (start[p] - start[first]) + k
                 for c in range(d):

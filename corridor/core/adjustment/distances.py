@@ -97,6 +97,7 @@ def distances_of(
         control,
         control=of_point,
         control_given=np.concatenate([control.control_given, start]),
+        control_turn=np.concatenate([control.control_turn, np.tile(np.eye(3), (len(start), 1, 1))]),
         control_weight=np.concatenate([control.control_weight, weight]),
     )
     named = {number: name for name, number in known.items()}

@@ -3,7 +3,7 @@
 With a' x = l the equation of one coordinate of control (its point, and what images share), N the
 equations of everything and s its standard deviation, an error e of l moves the unknowns by
 
-    dx = N^-1 a e / s^2
+    dx = N^-1 a e / s^2        or, correlated with others, by N^-1 sum of a_j W_ji e
 
 of which the points follow (`regression`): dp_i = [i = j] V_j^-1 e_k e / s^2 - K_i' dx.
 Source: Baarda 1968 (external reliability); Triggs et al. 2000, section 6.
@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 import pandas as pd
+from scipy.sparse import block_diag, csr_array
 
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.regression import point_gains
@@ -35,11 +36,15 @@ def moves(covariance: Covariance, controls: np.ndarray, errors: np.ndarray) -> p
     seen = np.union1d(np.arange(0, count, max(-(-count // MOST), 1)), controls)
     gains = point_gains(system, seen)
     place = np.searchsorted(seen, controls)
-    rows = system.control.jacobian
     given = p.control[controls]
-    rows = rows[(3 * given[:, None] + np.arange(3)).ravel()]
+    at = (3 * given[:, None] + np.arange(3)).ravel()
+    turn = p.control_turn[given]
+    # Along the axes, whatever is correlated.
+    rows = system.control.jacobian[at]
+    if len(turn):
+        rows = csr_array(block_diag(list(np.linalg.inv(turn)), format="csr") @ rows)
     columns = (3 * place[:, None] + np.arange(3)).ravel()
-    weight = p.control_weight[given].ravel()
+    weight = turn.transpose(0, 2, 1) @ (p.control_weight[given][:, :, None] * turn)
     out = []
     for first in range(0, len(columns), TOGETHER):
         some = slice(first, first + TOGETHER)
@@ -49,7 +54,11 @@ def moves(covariance: Covariance, controls: np.ndarray, errors: np.ndarray) -> p
         own = columns[some]
         at = np.arange(len(own))
         shift[own // 3, :, at] += gains.own[own // 3, :, own % 3]
-        shift *= np.where(np.isfinite(errors[some]), errors[some], np.nan) * weight[some]
+        # W e: an error of one coordinate counts for those that are correlated with it, too.
+        heavy = weight[first // 3 : (first + len(own)) // 3]
+        shift = np.einsum("nakj,kji->naki", shift.reshape(*shift.shape[:2], -1, 3), heavy)
+        shift = shift.reshape(*shift.shape[:2], -1)
+        shift *= np.where(np.isfinite(errors[some]), errors[some], np.nan)
         plan = np.hypot(shift[:, 0], shift[:, 1])
         length = np.hypot(plan, shift[:, 2])
         where = np.argmax(np.nan_to_num(length), axis=0)

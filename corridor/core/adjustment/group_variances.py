@@ -7,12 +7,15 @@ are those that they have; one block of false positions is told from the rest and
 
 Source: Förstner 1979 and Koch 1986 (v'Pv / r, iterated); Rousseeuw and Van Driessen 1999, "A fast
 algorithm for the minimum covariance determinant estimator" (concentration: what the best part says
-of all decides which part is best), for the block.
+of all decides which part is best), for the block; Patterson and Thompson 1971 (likelihood of
+residuals) and Bayley and Hammersley 1946, "The effective number of independent observations in an
+autocorrelated time series", for errors that last.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -25,6 +28,7 @@ from corridor.core.adjustment.result import Adjustment
 from corridor.core.block import Block
 from corridor.core.errors import AdjustmentFailed, InputError, some
 from corridor.core.geometry import OUTLIER
+from corridor.core.gnss import SlowNoise
 from corridor.core.output import counted
 
 Again = Callable[..., Adjustment]
@@ -44,6 +48,20 @@ _ROUNDS, _SETTLED = 4, 0.1
 _BEST, _STEPS = 0.6, 6
 # Positions that say nothing: their sigmas times this.
 _SILENT = 1e3
+# Fewer positions of a flight do not tell how long errors last.
+_LASTING = 12
+# Correlation of one residual with the next in its standard deviations from which on one looks
+# closer; of white noise one block in a thousand has more.
+_ALIKE = 3.1
+# Positions that are looked at together, and redundancy of what tells something.
+_WINDOW, _SEEN = 120, 0.05
+# (c / w)^2 and tau, s, that are tried: from a tenth of the white noise to ten times as much, and
+# from some exposures to what no flight tells from a constant.
+_RATIOS = tuple(np.geomspace(0.01, 100.0, 17).tolist())
+_CONSTANTS = (8.0, 15.0, 30.0, 60.0, 120.0, 240.0)
+# What one knows of tau beforehand: its middle, s, and the standard deviation of its logarithm, as
+# the diagnosis has them of receivers.
+_USUAL = (60.0, 0.57)
 
 
 def components(adjustment: Adjustment) -> pd.DataFrame:
@@ -59,12 +77,10 @@ def components(adjustment: Adjustment) -> pd.DataFrame:
     rows, taken = [], 0.0
     reliability = adjustment.reliability
     for kind in ("gnss", "control", "attitude"):
-        table = getattr(reliability, kind)
+        square, share = reliability.independent(kind)
         of_flights = kind in POSE_KINDS
-        flights = np.full(len(table) // 3, "", object)
+        flights = np.full(len(share), "", object)
         flights = _flights(adjustment, kind) if of_flights else flights
-        share = table["redundancy"].to_numpy().reshape(-1, 3)
-        square = (table["w"].fillna(0.0) ** 2 * table["redundancy"]).to_numpy().reshape(-1, 3)
         for flight in dict.fromkeys(flights.tolist()):
             mine = flights == flight
             for part, axes in (_TURNS if kind == "attitude" else AXES).items():
@@ -109,28 +125,29 @@ def with_gnss_as_it_is(result: Adjustment, again: Again) -> Adjustment:
 
     A block of false positions of a flight is weighted apart from the rest.
     """
-    doubtful = contradicting(result)
-    if not doubtful:
-        return result
     notes: list[str] = []
-    found = _false_apart(result, again, sorted({flight for _, flight in doubtful}), notes)
+    doubtful, found = contradicting(result), result
+    if doubtful:
+        found = false_apart(result, again, sorted({flight for _, flight in doubtful}), notes)
     for _ in range(_ROUNDS):
         doubtful = contradicting(found)
         if not doubtful:
             break
-        start = found.start.copy()
-        factors = {}
-        for (part, flight), factor in doubtful.items():
-            factors[part, flight] = factor
-            _scale(start, found, part, flight, factor)
-        found = from_where_it_ended(found, start, found.problem.model, again)
+        found = _scaled(found, doubtful, again)
         if not found.converged:
             return result
-        if max(abs(np.log(f)) for f in factors.values()) < _SETTLED:
+        if max(abs(np.log(f)) for f in doubtful.values()) < _SETTLED:
             break
+    if found is not result:
+        notes += _told(result, found)
+    lasting = slow(found)
+    if lasting is not None:
+        later = _scaled(found, lasting.factor, again)
+        if later.converged:
+            notes.append(_told_slow(lasting, found.start))
+            found = later
     if found is result:
         return result
-    notes += _told(result, found)
     for note in reversed(notes):
         found.add_note(note)
     return found
@@ -169,10 +186,13 @@ def contradicting(result: Adjustment) -> dict[tuple[str, str], float]:
     }
 
 
-def _scale(start: Block, found: Adjustment, part: str, flight: str, factor: float) -> None:
-    """Standard deviations of the positions of a flight times a factor, in plan or in height."""
-    mine = start.image_flight[start.image_rows("gnss")] == start.flight_names.index(flight)
-    _restate(start, mine, AXES[part], factor)
+def _scaled(found: Adjustment, factors: dict[tuple[str, str], float], again: Again) -> Adjustment:
+    """Adjusted with standard deviations of groups (part, flight) of positions times factors."""
+    start = found.start.copy()
+    flight = start.image_flight[start.image_rows("gnss")]
+    for (part, name), factor in factors.items():
+        _restate(start, flight == start.flight_names.index(name), AXES[part], factor)
+    return from_where_it_ended(found, start, found.problem.model, again)
 
 
 def _restate(start: Block, rows: np.ndarray, axes: slice, factor: float | np.ndarray) -> None:
@@ -216,6 +236,126 @@ def _told(before: Adjustment, found: Adjustment) -> list[str]:
     return notes
 
 
+# --- errors that last ----------------------------------------------------------------------------
+
+
+class Slow(NamedTuple):
+    """Errors of antenna positions of which a part lasts.
+
+    ratio: (c / w)^2 of the standard deviations of that part and of the rest; constant: after which
+    it is another one, s; white: w, in the stated standard deviations. factor: on these, by part
+    and flight, so that as many independent positions know as much together.
+    """
+
+    ratio: float
+    constant: float
+    white: float
+    factor: dict[tuple[str, str], float]
+
+
+def slow(result: Adjustment) -> Slow | None:
+    """How errors of antenna positions last; None where they are as likely independent.
+
+    White noise w and a slow part c exp(-|t| / tau), of one receiver in all flights and axes, are
+    those most likely for the residuals R e, R their cofactors. A sum of n positions has the
+    variance w^2 (n + (c / w)^2 sum of all correlations): so many times as much as stated each
+    counts. What neighbours share beyond that, their images say better.
+    """
+    gnss, images = result.system.gnss, result.system.images
+    if not result.converged or result.system.held is not None:
+        return None
+    tracks = {}
+    for number, name in enumerate(images.flight_names):
+        mine = np.flatnonzero(images.flight[gnss.image] == number)
+        time = images.time[gnss.image[mine]]
+        if len(mine) >= _LASTING and np.isfinite(time).all():
+            order = np.argsort(time, kind="stable")
+            tracks[str(name)] = mine[order], time[order]
+    if not tracks:
+        return None
+    scaled = [gnss.residual[rows] / gnss.sigma[rows] for rows, _ in tracks.values()]
+    alike = sum(float(np.sum(v[1:] * v[:-1])) for v in scaled)
+    count = sum(v.size for v in scaled)
+    # Of white noise a normal number: the mean of so many products.
+    if alike < _ALIKE * np.sqrt(count) * max(sum(float(np.sum(v * v)) for v in scaled) / count, 1):
+        return None
+    found = _likeliest([part for track in tracks.values() for part in _contrasts(result, *track)])
+    if found is None:
+        return None
+    ratio, constant, white = found
+    factor = {}
+    for name, (_, time) in tracks.items():
+        together = float(SlowNoise(constant).correlation(time).sum()) / len(time)
+        for part in AXES:
+            factor[part, name] = white * float(np.sqrt(1.0 + ratio * together))
+    if max(factor.values()) < FACTOR:
+        return None
+    return Slow(ratio, constant, white, factor)
+
+
+class _Contrasts(NamedTuple):
+    """Sums u (m,) of residuals of some positions at times (n,) that are independent, of size 1
+    each, where errors are; by (n, m): they are by' e."""
+
+    time: np.ndarray
+    by: np.ndarray
+    u: np.ndarray
+
+
+def _contrasts(result: Adjustment, rows: np.ndarray, time: np.ndarray) -> Iterator[_Contrasts]:
+    """Of each axis of a flight; of a long one three windows."""
+    gnss = result.system.gnss
+    for first in np.unique(np.linspace(0, max(len(rows) - _WINDOW, 0), 3).astype(int)):
+        at = rows[first : first + _WINDOW]
+        for axis in range(3):
+            design = gnss.jacobian[3 * at + axis].toarray() / gnss.sigma[at, axis, None]
+            share = np.eye(len(at)) - design @ result.covariance.solve(design.T)
+            size, vector = np.linalg.eigh(0.5 * (share + share.T))
+            kept = size > _SEEN
+            root = np.sqrt(size[kept])
+            v = gnss.residual[at, axis] / gnss.sigma[at, axis]
+            yield _Contrasts(
+                time[first : first + _WINDOW], vector[:, kept] * root, vector[:, kept].T @ v / root
+            )
+
+
+def _likeliest(parts: list[_Contrasts]) -> tuple[float, float, float] | None:
+    """Ratio, time constant and w of `Slow`; None where white noise alone is as likely."""
+    free = sum(len(one.u) for one in parts)
+    best, plain = (np.inf, 0.0, 0.0, 1.0), np.inf
+    for constant in _CONSTANTS:
+        sizes, squares = [], []
+        for one in parts:
+            alike = one.by.T @ SlowNoise(constant).correlation(one.time) @ one.by
+            size, vector = np.linalg.eigh(alike)
+            sizes.append(size)
+            squares.append((vector.T @ one.u) ** 2)
+        size, square = np.concatenate(sizes), np.concatenate(squares)
+        known = (np.log(constant / _USUAL[0]) / _USUAL[1]) ** 2
+        plain = free * np.log(np.sum(square) / free)
+        for ratio in _RATIOS:
+            spread = 1.0 + ratio * size
+            variance = float(np.sum(square / spread)) / free
+            value = free * np.log(variance) + np.sum(np.log(spread)) + known
+            best = min(best, (value, ratio, constant, np.sqrt(variance)))
+    return best[1:] if plain - best[0] > chdtri(2, RARE) else None
+
+
+def _told_slow(found: Slow, start: Block) -> str:
+    stated = np.median(start.gnss_sigma(), axis=0)[[0, 2]]
+    lasting = " and ".join(
+        f"{found.white * np.sqrt(found.ratio) * sigma:.2g} m in {part}"
+        for sigma, part in zip(stated, AXES, strict=True)
+    )
+    most = max(found.factor.values())
+    return (
+        f"GNSS: the errors of one position and the next are alike ({lasting} that lasts for some "
+        f"{found.constant:.0f} s). Standard deviations count up to {most:.1f} times, so that many "
+        "positions together are as sure as they are. RTK and PPK drift like this; where a model "
+        "lacks something it looks the same: `corridor diagnose` finds out."
+    )
+
+
 # --- a block of false positions ------------------------------------------------------------------
 
 
@@ -228,7 +368,7 @@ def false_positions(result: Adjustment, again: Again) -> np.ndarray | None:
     return _concentrated(result, again, sorted({flight for _, flight in doubtful}))
 
 
-def _false_apart(
+def false_apart(
     result: Adjustment, again: Again, flights: list[str], notes: list[str]
 ) -> Adjustment:
     """Adjusted with the false positions among those of some flights weighted by what they miss.
@@ -268,7 +408,7 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
     mine = np.isin(_flights(result), flights)
     names = table["image"].astype(str).to_numpy()
     sigma = table[["sx", "sy", "sz"]].to_numpy()
-    length = _lengths(result, sigma)
+    length = lengths(result, sigma)
     quantile = float(chdtri(3, 1.0 - _BEST))
     order = np.argsort(length[mine], kind="stable")
     best = ~mine
@@ -284,7 +424,7 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
             return None
         if not found.converged:
             return None
-        length = _lengths(found, sigma)
+        length = lengths(found, sigma)
         # Of a chi-square of three axes six tenths lie below the quantile.
         scale = np.sqrt(np.quantile(length[mine] ** 2, _BEST) / quantile)
         before, best = best, ~mine | (length < OUTLIER * max(scale, 1.0))
@@ -296,17 +436,19 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
     return ~best
 
 
-def _lengths(found: Adjustment, sigma: np.ndarray) -> np.ndarray:
+def lengths(found: Adjustment, sigma: np.ndarray) -> np.ndarray:
     """Residuals (k,) of the antenna positions in their own sigmas, all axes together, where the
     positions are good to sigma (k, 3), m; some may count for nothing in what is found."""
     table = found.residuals["gnss"]
     v, used = table[["vx", "vy", "vz"]].to_numpy(), table[["sx", "sy", "sz"]].to_numpy()
-    share = of_antennas(found.covariance)
-    outer = used[:, :, None] * used[:, None, :]
+    share, p = of_antennas(found.covariance), found.problem
+    back = np.linalg.inv(np.sqrt(p.gnss_weight)[:, :, None] * p.gnss_turn)
     silent = (used > 2.0 * sigma).any(axis=1)
+    own = (sigma / used)[:, :, None] * back
     # What counts has part in its own prediction; what does not is predicted by all others.
-    left_out = outer * (np.eye(3) - share) + np.eye(3) * (sigma**2)[:, :, None]
-    variance = np.where(silent[:, None, None], left_out, outer * share)
+    across = back.transpose(0, 2, 1)
+    left_out = back @ (np.eye(3) - share) @ across + own @ own.transpose(0, 2, 1)
+    variance = np.where(silent[:, None, None], left_out, back @ share @ across)
     variance += 1e-6 * np.eye(3) * (sigma**2)[:, :, None]
     return np.sqrt(np.einsum("ni,ni->n", v, np.linalg.solve(variance, v[:, :, None])[:, :, 0]))
 
@@ -324,6 +466,6 @@ def _told_false(names: np.ndarray, miss: np.ndarray, size: float) -> str:
     return (
         f"{counted(len(names), 'GNSS position')} disagree{'s' * (len(names) == 1)} with all others "
         f"{by}, {size:.0f} times the stated standard deviations ({some(list(names), 5)}){cause} "
-        f"They count with standard deviations {size:.0f} times as large; --reject-gnss leaves them "
-        "out."
+        f"They are set aside, with standard deviations {size:.0f} times as large; --reject-gnss "
+        "takes them out."
     )

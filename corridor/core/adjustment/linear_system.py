@@ -27,11 +27,12 @@ from corridor.core.adjustment.matrix import Bordered
 from corridor.core.adjustment.measured_poses import pose_rows, residuals
 from corridor.core.adjustment.model import CAMERA, EFFECT, LEVER_ARM
 from corridor.core.adjustment.normal import Loss, Normal, moved_state
+from corridor.core.adjustment.observations import NO_GNSS
 from corridor.core.adjustment.problem import POSE_KINDS, Problem, with_effects
 from corridor.core.adjustment.rigs import rig_rows
 from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.unknowns import State, Unknown
-from corridor.core.block import Block
+from corridor.core.block import Block, along_axes, turned
 from corridor.core.brief import brief
 from corridor.core.effects import Context, Effect, Images, Parameter, Stack, Values
 from corridor.core.engine.threads import one_thread
@@ -100,8 +101,9 @@ class Columns:
 class Residuals:
     """Measured minus modelled.
 
-    pixels (n, 2) px, NaN behind a camera; gnss (k, 3), control (c, 3) m; attitude (k, 3) rad, about
-    level axes. behind: how many image points lie behind their camera.
+    pixels (n, 2) px, NaN behind a camera; gnss (k, 3), control (c, 3) m, in the coordinates of
+    their `Rows`; attitude (k, 3) rad, about level axes. behind: how many image points lie behind
+    their camera.
     """
 
     pixels: np.ndarray
@@ -115,9 +117,10 @@ class Residuals:
 class Rows:
     """Measured coordinates, three rows each, and what the unknowns do to them.
 
+    Where x, y and z are correlated: coordinates T (x, y, z), which are not (`block.independent`).
     names (k,): of images, or control points. given, residual (measured minus modelled), sigma:
-    (k, 3), m. jacobian (3k, n): derivative of the modelled by the columns. image (k,): of antenna
-    positions, -1 of control points.
+    (k, 3), m. turn (k, 3, 3): T. jacobian (3k, n): derivative of the modelled by the columns.
+    image (k,): of antenna positions, -1 of control points.
     """
 
     names: np.ndarray
@@ -126,6 +129,11 @@ class Rows:
     sigma: np.ndarray
     jacobian: csr_array
     image: np.ndarray
+    turn: np.ndarray
+
+    def along_axes(self, values: np.ndarray) -> np.ndarray:
+        """Values (k, 3) of these coordinates as x, y, z."""
+        return along_axes(self.turn, values)
 
 
 @dataclass(frozen=True)
@@ -220,14 +228,19 @@ class LinearSystem:
     ) -> LinearSystem:
         """The system of other measurements of the same things; None leaves them.
 
-        xy (n, 2), px, and sigma (n,), infinite where a row shall not count, as in `image_rows`;
-        gnss (k, 3), control (c, 3), m; prior (q,): expected values of what images share; attitude
-        (k, 3): rad, by which the measured are turned further, about level axes.
+        Coordinates are those of the rows: of `gnss` and `control`, say. xy (n, 2), px, and sigma
+        (n,), infinite where a row shall not count, as in `image_rows`; gnss (k, 3), control (c, 3),
+        m; prior (q,): expected values of what images share; attitude (k, 3): rad, by which the
+        measured are turned further, about level axes.
         """
         if attitude is not None:
             p = self.problem
             turn = np.einsum("nji,nj->ni", p.attitude_level, attitude)
             attitude = rotation_from_vector(-turn) @ p.attitude_given
+        if gnss is not None:
+            gnss = self.gnss.along_axes(gnss)
+        if control is not None:
+            control = self.control.along_axes(control)
         given = {
             "xy": xy,
             "weight": None if sigma is None else 1.0 / sigma,
@@ -377,8 +390,9 @@ class LinearSystem:
             for kind in POSE_KINDS
         )
         if len(gnss):
-            gnss = gnss - self._moved_beside()
-        control = normal.view(self.state).control_residual[: len(p.control_rows)]
+            gnss = gnss - turned(p.gnss_turn, self._moved_beside())
+        control = normal.view(self.state).control_residual
+        control = turned(p.control_turn, control)[: len(p.control_rows)]
         return Residuals(pixels, gnss, control, attitude, behind)
 
     @cached_property
@@ -387,7 +401,7 @@ class LinearSystem:
         rows = self._measured("gnss", [beside.jacobian for beside in self._beside])
         if not len(rows.image):
             return rows
-        return replace(rows, residual=rows.residual - self._moved_beside())
+        return replace(rows, residual=rows.residual - turned(rows.turn, self._moved_beside()))
 
     @cached_property
     def attitude(self) -> Rows:
@@ -418,6 +432,7 @@ class LinearSystem:
             np.concatenate([rows.sigma, sigma]),
             csr_array(vstack([rows.jacobian, parts[0] + parts[1]])),
             np.concatenate([rows.image, np.repeat(p.rig_image[:, 1], 2)]),
+            np.concatenate([rows.turn, np.tile(np.eye(3), (2 * k, 1, 1))]),
         )
 
     def _measured(self, kind: str, beside: list[csr_array]) -> Rows:
@@ -425,10 +440,13 @@ class LinearSystem:
         p = self.problem
         image, sigma = p.measured(kind), p.weight_of(kind) ** -0.5
         m, d, k = p.image_count, p.d, len(image)
-        names, given = p.images.names[image], p.gnss_given if kind == "gnss" else np.zeros((k, 3))
+        names, given, turn = p.images.names[image], np.zeros((k, 3)), np.tile(np.eye(3), (k, 1, 1))
+        if kind == "gnss":
+            turn = p.gnss_turn
+            given = turned(turn, p.gnss_given)
         if not k:
             empty = csr_array((0, len(self.columns)))
-            return Rows(names, given, np.zeros((0, 3)), sigma, empty, image)
+            return Rows(names, given, np.zeros((0, 3)), sigma, empty, image, turn)
         found = pose_rows(kind, p, self.state, self.images)
         column = np.broadcast_to((image[:, None] * d + np.arange(d))[:, None], found.own.shape)
         row = np.broadcast_to(np.arange(3 * k).reshape(k, 3, 1), found.own.shape)
@@ -436,7 +454,7 @@ class LinearSystem:
         parts = [poses, csr_array(found.shared.reshape(3 * k, -1)), *beside]
         jacobian = csr_array(block_array([parts]))
         jacobian.eliminate_zeros()
-        return Rows(names, given, found.residual, sigma, jacobian, image)
+        return Rows(names, given, found.residual, sigma, jacobian, image, turn)
 
     @cached_property
     def control(self) -> Rows:
@@ -449,13 +467,14 @@ class LinearSystem:
         c = len(p.control_given)
         row, slot = np.nonzero(p.ground_column[:c] >= 0)
         column = p.image_count * p.d + p.ground_column[row, slot]
-        value = view.d_ground[row, :, slot].ravel()
+        turn = p.control_turn
+        value = turned(turn[row], view.d_ground[row, :, slot]).ravel()
         at = (3 * row[:, None] + np.arange(3)).ravel()
         jacobian = csr_array((value, (at, np.repeat(column, 3))), shape=(3 * c, len(self.columns)))
         sigma = p.control_weight**-0.5
-        given, residual = p.control_given, view.control_residual
+        given, residual = turned(turn, p.control_given), turned(turn, view.control_residual)
         names = np.array([*self.control_names, *p.end_names], dtype=object)
-        return Rows(names, given, residual, sigma, jacobian, np.full(c, -1))
+        return Rows(names, given, residual, sigma, jacobian, np.full(c, -1), turn)
 
     @cached_property
     def _beside(self) -> list[_Beside]:
@@ -469,6 +488,7 @@ class LinearSystem:
             _, derivative = stack.evaluate(
                 "antenna", context, {effect.slug: np.zeros(member.shape)}
             )
+            derivative = self.problem.gnss_turn @ derivative
             moved, _ = stack.evaluate("antenna", context, self.state.effects)
             group = context.group(effect.group)
             row = np.broadcast_to(np.arange(rows).reshape(-1, 3, 1), derivative.shape)
@@ -488,8 +508,9 @@ class LinearSystem:
             out.append(_Beside(effect, member.parameters, jacobian, shared, moved))
         return out
 
-    def _moved_beside(self) -> np.ndarray | float:
-        return sum((beside.moved for beside in self._beside), 0.0)
+    def _moved_beside(self) -> np.ndarray:
+        nothing = np.zeros((len(self.problem.gnss_image), 3))
+        return sum((beside.moved for beside in self._beside), nothing)
 
     # --- the equations -----------------------------------------------------------------------
 
@@ -497,10 +518,7 @@ class LinearSystem:
     def _normal(self) -> Normal:
         p = self.problem
         if not self.gnss_counts:
-            nothing = np.zeros((0, 3))
-            p = replace(
-                p, gnss_image=np.zeros(0, np.int64), gnss_given=nothing, gnss_weight=nothing
-            )
+            p = replace(p, **vars(NO_GNSS))
         normal = Normal(p, self.loss, self.threads, self.storage)
         if self.held is not None:
             normal.held = self.held
@@ -694,10 +712,11 @@ class _Beside:
         return self.jacobian.shape[1]
 
 
-def motions(state: State, d: int) -> np.ndarray:
-    """Change (images * d, 7) of the poses when the block as a whole moves, turns, grows."""
+def motions(state: State, d: int, middle: np.ndarray | None = None) -> np.ndarray:
+    """Change (images * d, 7) of the poses when the block as a whole moves, turns, grows about a
+    middle, that of the centres by default."""
     m = len(state.centre)
     out = np.zeros((m, d, 7))
-    out[:, :3] = helmert_motions(state.centre)
+    out[:, :3] = helmert_motions(state.centre, middle)
     out[:, 3:6, 3:6] = -state.rotation
     return out.reshape(m * d, 7)

@@ -18,6 +18,7 @@ import numpy as np
 
 from corridor.core.adjustment.problem import Problem
 from corridor.core.adjustment.unknowns import State, is_per_image, per_image_code
+from corridor.core.block import turned
 from corridor.core.effects import Context, Images
 from corridor.core.geometry import (
     right_jacobian,
@@ -33,6 +34,7 @@ class PoseRows:
 
     image (k,); residual (k, 3), measured minus modelled, m or rad; weight (k, 3). own (k, 3, d),
     shared (k, 3, q): derivatives of the modelled by the image's unknowns, and what images share.
+    Coordinates of an antenna are those that are independent (`block.independent`).
     """
 
     image: np.ndarray
@@ -43,18 +45,19 @@ class PoseRows:
 
 
 def residuals(kind: str, p: Problem, state: State, images: Images) -> np.ndarray:
-    """Measured minus modelled (k, 3) of `gnss`, m, or `attitude`, rad."""
+    """Measured minus modelled (k, 3) of `gnss`, m, or `attitude`, rad, as of `pose_rows`."""
     if kind == "gnss":
-        return p.gnss_given - antenna(p, state, images)[0]
+        return turned(p.gnss_turn, p.gnss_given - antenna(p, state, images)[0])
     return _attitude(p, state, images)[0]
 
 
 def pose_rows(kind: str, p: Problem, state: State, images: Images) -> PoseRows:
     """The measurements of a kind, `gnss` or `attitude`, at a state."""
     if kind == "gnss":
-        image, weight = p.gnss_image, p.gnss_weight
+        image, weight, turn = p.gnss_image, p.gnss_weight, p.gnss_turn
         predicted, d_pose, d_effects, to_world = antenna(p, state, images)
-        residual = p.gnss_given - predicted
+        residual = turned(turn, p.gnss_given - predicted)
+        d_pose, d_effects, to_world = (turn @ by for by in (d_pose, d_effects, to_world))
         sources = [(d_effects, p.antenna_column[image]), (to_world, p.arm_column[image])]
     else:
         image, weight = p.attitude_image, p.attitude_weight

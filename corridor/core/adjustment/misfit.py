@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from corridor.core.adjustment.linear_system import LinearSystem
+from corridor.core.block import along_axes
 
 _NAMED = 3
 # What a drone's log misses: single-point GNSS, and attitudes of half a degree.
@@ -19,8 +20,12 @@ def misfit(system: LinearSystem, far: bool = False) -> list[str]:
     p, left = system.problem, system.residuals()
     out = []
     for what, names, metres in (
-        ("GNSS positions", p.images.names[p.gnss_image], left.gnss),
-        ("control points", system.control_names, left.control),
+        ("GNSS positions", p.images.names[p.gnss_image], along_axes(p.gnss_turn, left.gnss)),
+        (
+            "control points",
+            system.control_names,
+            along_axes(p.control_turn[: len(left.control)], left.control),
+        ),
     ):
         # A ground point that is its own start value says nothing.
         if metres.any() and (not far or np.median(np.linalg.norm(metres, axis=1)) > _LOG_M):

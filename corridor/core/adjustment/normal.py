@@ -16,6 +16,7 @@ from corridor.core.adjustment.partition import Pieces
 from corridor.core.adjustment.problem import POSE_KINDS, Problem, State
 from corridor.core.adjustment.rigs import rig_rows
 from corridor.core.adjustment.unknowns import is_per_image, per_image_code
+from corridor.core.block import turned
 from corridor.core.camera import INTERIOR, radials_in_use
 from corridor.core.effects import ROW_REACH, Context, Images
 from corridor.core.engine import kernels, rays
@@ -105,6 +106,10 @@ class Normal:
             if storage == "band"
             else Sparse(p.image_count, p.d, *_with_pairs(p))
         )
+        root = np.sqrt(p.control_weight)[:, :, None] * p.control_turn
+        lower = np.tril_indices(3)
+        whole = (root.transpose(0, 2, 1) @ root)[:, lower[0], lower[1]]
+        self.control_weight = whole, np.ascontiguousarray(root[:, lower[0], lower[1]])
         self.longest = int(np.diff(p.ptr).max(initial=1))
         self.gradient = np.zeros((rows, p.d))
         self.reference = np.zeros((rows, p.d))
@@ -196,12 +201,12 @@ class Normal:
             near = ROW_AT_REST
         return rays.Scene(
             view.state.points,
-            rays.Observations(p.ptr, p.img, p.xy, p.weight),
+            rays.Observations(p.ptr, p.img, p.xy, p.weight, p.skewed),
             view.cameras,
             rays.Looked(int(p.ptr[first]), shift, modelled.row, modelled.pixel, near),
             rays.Derivatives(view.d_interior, d_image, view.d_motion, view.d_ground, sight),
             self.columns,
-            rays.Control(p.control, p.control_weight, view.control_residual),
+            rays.Control(p.control, *self.control_weight, view.control_residual),
             self.loss,
         )
 
@@ -327,7 +332,7 @@ class Normal:
         p = self.problem
         view = self.view(state)
         cost, behind = self._converge(view, near)[1]
-        cost += float(np.sum(p.control_weight * view.control_residual**2))
+        cost += self._of_control(view)
         for kind in POSE_KINDS:
             if len(p.measured(kind)):
                 left = residuals(kind, p, state, view.images)
@@ -379,7 +384,9 @@ class Normal:
                     shift = self._shift(view, modelled, first, last)
                     scene = self._scene(view, modelled, first, shift, within=within)
                     if plain:
-                        unweighted = scene.observations._replace(weight=np.ones(1))
+                        unweighted = scene.observations._replace(
+                            weight=np.ones(1), skewed=np.zeros((0, 3))
+                        )
                         scene = scene._replace(observations=unweighted, loss=Loss())
                     totals[piece] += kernels.look(first, last, scene, out, room)
 
@@ -445,7 +452,7 @@ class Normal:
             self.shared_block = np.tril(block.sum(axis=0).reshape(wide, wide)[:q, :q])
             self.shared_reference = shared[:, 1].sum(axis=0)[:q]
         cost, behind, self.weak = totals.sum(axis=0)
-        cost += float(np.sum(p.control_weight * view.control_residual**2))
+        cost += self._of_control(view)
         cost += sum(self._add_poses(kind, state, view.images, matrix) for kind in POSE_KINDS)
         cost += add_distances(self, p, state, matrix)
         cost += self._add_rigs(state, matrix)
@@ -463,6 +470,11 @@ class Normal:
                 self.held[:, 0], self.held[:, 1]
             ]
             self.blocks.add_diagonal(pinned)
+
+    def _of_control(self, view: View) -> float:
+        """Twice the cost of the control."""
+        p = self.problem
+        return float(np.sum(p.control_weight * turned(p.control_turn, view.control_residual) ** 2))
 
     def antenna(self, state: State, images: Images):
         """Predicted antenna and its derivatives; see `measured_poses.antenna`."""

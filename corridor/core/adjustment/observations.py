@@ -14,7 +14,7 @@ from corridor.core.adjustment.ordering import (
     pixels_of_rows,
     sorted_rows,
 )
-from corridor.core.block import Block, is_among, level_axes
+from corridor.core.block import Block, independent, is_among, level_axes
 from corridor.core.effects import Images
 from corridor.core.errors import InputError
 
@@ -28,7 +28,9 @@ class Network:
 
     order (m,): image row of each position. ptr (n + 1,), img, row (k,), xy (k, 2), weight (k,) or
     (1,): observations of point i are ptr[i] to ptr[i + 1]; row counts ties first, then marks, of
-    which tie_count are ties. point_codes (n,): category of tie_points, or of marks counted on;
+    which tie_count are ties. skewed (k, 3), or (0, 3) where x and y of all are equally good and
+    independent: what makes them so, 00 10 11 of a lower triangle. point_codes (n,): category of
+    tie_points, or of marks counted on;
     point_kinds (n,): True where the point is a mark. point_start (n, 3), m. bandwidth: in images.
     """
 
@@ -37,6 +39,7 @@ class Network:
     img: np.ndarray
     xy: np.ndarray
     weight: np.ndarray
+    skewed: np.ndarray
     row: np.ndarray
     tie_count: int
     point_codes: np.ndarray
@@ -50,22 +53,28 @@ class Control:
     """Ground control that images show.
 
     control (n,): of each point, row of the arrays here, or -1. control_rows (c,): rows of
-    ground.csv. control_given (c, 3), m; control_weight (c, 3), 1/m^2.
+    ground.csv. control_given (c, 3), m. control_turn (c, 3, 3): what makes their coordinates
+    independent (`block.independent`), and control_weight (c, 3), 1/m^2, of what that gives.
     """
 
     control: np.ndarray
     control_rows: np.ndarray
     control_given: np.ndarray
+    control_turn: np.ndarray
     control_weight: np.ndarray
 
 
 @dataclass
 class Gnss:
-    """Known antenna positions: image (k,), position (k, 3), m, and weight (k, 3), 1/m^2."""
+    """Known antenna positions: image (k,), position (k, 3), m; turn and weight as of `Control`."""
 
     gnss_image: np.ndarray
     gnss_given: np.ndarray
+    gnss_turn: np.ndarray
     gnss_weight: np.ndarray
+
+
+NO_GNSS = Gnss(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)))
 
 
 @dataclass
@@ -140,6 +149,7 @@ def network_of(block: Block, images: Images, control: set[str], unused: set[str]
         img=img,
         xy=xy,
         weight=weight,
+        skewed=_skewed(block, row),
         row=row,
         tie_count=len(tie),
         point_codes=codes,
@@ -172,17 +182,19 @@ def control_of(block: Block, network: Network, rows: np.ndarray) -> tuple[Contro
     kinds = network.point_kinds
     of_point[kinds] = [at.get(name, -1) for name in marks[network.point_codes[kinds] - first]]
     given = block.numbers("ground", *"xyz")[rows]
-    return Control(of_point, rows, given, block.ground_sigma()[rows] ** -2.0), notes
+    turn, sigma = independent(block.ground_sigma()[rows], block.correlation("ground")[rows])
+    return Control(of_point, rows, given, turn, sigma**-2.0), notes
 
 
 def gnss_of(block: Block, rank: np.ndarray) -> Gnss:
     """The antenna positions of a block. rank (m,): position of each row of images.csv."""
     if not len(block.gnss):
-        return Gnss(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
+        return NO_GNSS
     given = block.numbers("gnss", *"xyz")
     known = np.isfinite(given).all(axis=1)
     image = rank[block.image_rows("gnss")]
-    return Gnss(image[known], given[known], block.gnss_sigma()[known] ** -2.0)
+    turn, sigma = independent(block.gnss_sigma()[known], block.correlation("gnss")[known])
+    return Gnss(image[known], given[known], turn, sigma**-2.0)
 
 
 def attitudes_of(block: Block, rank: np.ndarray) -> Attitudes:
@@ -202,6 +214,23 @@ def _weights(block: Block, row: np.ndarray) -> np.ndarray:
         return 1.0 / sigmas[0][:1]
     weight = 1.0 / _joined(block.tie_sigma(), block.mark_sigma())[row]
     return weight[:1].copy() if len(weight) and np.all(weight == weight[0]) else weight
+
+
+def _skewed(block: Block, row: np.ndarray) -> np.ndarray:
+    """`Network.skewed` of the observations in these rows."""
+    tables = {table: block.in_pictures(table) for table in ("tie_points", "marks")}
+    if all(both is None for both in tables.values()):
+        return np.zeros((0, 3))
+    out = []
+    for table, both in tables.items():
+        if both is None:
+            out.append(np.tile([1.0, 0.0, 1.0], (len(getattr(block, table)), 1)))
+            continue
+        turn, sigma = independent(*both)
+        turn *= (np.sqrt(sigma.prod(axis=1))[:, None] / sigma)[:, :, None]
+        out.append(turn[:, [0, 1, 1], [0, 0, 1]])
+    found = np.concatenate(out)[row]
+    return found if (found != [1.0, 0.0, 1.0]).any() else np.zeros((0, 3))
 
 
 def _joined(ties: np.ndarray, marks: np.ndarray) -> np.ndarray:

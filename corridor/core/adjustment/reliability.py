@@ -11,11 +11,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from scipy.linalg import block_diag
 from scipy.special import chdtrc, ndtri
 
 from corridor.core.adjustment.cofactors import OfPoint, of_antennas, of_control, of_points
 from corridor.core.adjustment.external_reliability import moves
+from corridor.core.adjustment.problem import POSE_KINDS
 from corridor.core.adjustment.snooping import SHOWN, Blunder, blunders
+from corridor.core.block import turned
 from corridor.core.output import with_units
 
 if TYPE_CHECKING:
@@ -52,21 +55,19 @@ class Reliability:
     def control(self) -> pd.DataFrame:
         """Control points: point, axis and the columns above."""
         residuals = self._of.residuals["control"]
-        found = [self._points[k] for k in self._control_points]
-        share = [one.share[-3:, -3:] for one in found]
-        return _table("point", residuals, np.array(share).reshape(-1, 3, 3), "m")
+        return _table("point", residuals, self._share("control"), "m", self._root("control"))
 
     @cached_property
     def gnss(self) -> pd.DataFrame:
         """Antenna positions: image, axis and the columns above."""
-        share = of_antennas(self._of.covariance)
-        return _table("image", self._of.residuals["gnss"], share, "m")
+        residuals = self._of.residuals["gnss"]
+        return _table("image", residuals, self._share("gnss"), "m", self._root("gnss"))
 
     @cached_property
     def attitude(self) -> pd.DataFrame:
         """Attitudes: image, axis (x, y, z: the heading, to its right, down) and the columns above,
         in degrees."""
-        share = of_antennas(self._of.covariance, "attitude")
+        share = self._share("attitude")
         residuals = self._of.residuals["attitude" if len(share) else "gnss"][: len(share)]
         return _table("image", residuals, share, "deg")
 
@@ -85,7 +86,17 @@ class Reliability:
         back[np.sort(rows)] = np.arange(len(rows))
         mine = residuals.iloc[back[rows]].reset_index(drop=True)
         mine = mine.assign(sx=mine["sigma"] * self.image_scale, sy=mine["sigma"] * self.image_scale)
-        return _table(("point", "image"), mine, np.array(share).reshape(-1, 2, 2), "px")
+        root = None
+        if len(p.skewed):
+            place = np.full(len(p.block.tie_points) + len(p.block.marks), -1)
+            place[p.row] = np.arange(len(p.row))
+            root = np.zeros((len(rows), 2, 2))
+            root[:, [0, 1, 1], [0, 0, 1]] = p.skewed[place[p.tie_count + rows]]
+            root /= mine["sx"].to_numpy()[:, None, None]
+            mine[["sx", "sy"]] = np.sqrt(
+                np.einsum("nij,nij->ni", np.linalg.inv(root), np.linalg.inv(root))
+            )
+        return _table(("point", "image"), mine, np.array(share).reshape(-1, 2, 2), "px", root)
 
     @cached_property
     def check(self) -> pd.DataFrame:
@@ -178,8 +189,43 @@ class Reliability:
         if len(residuals) < 2:
             return []
         share = self.control_cofactors
-        v = residuals[["vx", "vy", "vz"]].to_numpy() / residuals[["sx", "sy", "sz"]].to_numpy()
-        return blunders(v.ravel(), share)
+        v = residuals[["vx", "vy", "vz"]].to_numpy()
+        sigma = residuals[["sx", "sy", "sz"]].to_numpy()
+        root = self._root("control")
+        if root is None:
+            return blunders((v / sigma).ravel(), share)
+        # An error of a coordinate shows in all three that are independent.
+        errors = block_diag(*(root * sigma[:, None, :]))
+        white = turned(root, v).ravel()
+        return blunders(errors.T @ white, np.asarray(errors.T @ share @ errors))
+
+    def _root(self, kind: str) -> np.ndarray | None:
+        """What makes residuals of `control` or `gnss` independent, with sigma 1 (k, 3, 3); None
+        where they are independent."""
+        turn, weight = self._of.correlated(kind)
+        return None if turn is None else np.sqrt(weight)[:, :, None] * turn
+
+    def independent(self, kind: str) -> tuple[np.ndarray, np.ndarray]:
+        """Squares (k, 3) of the residuals of `control`, `gnss` or `attitude` in coordinates that
+        are independent, in their sigmas, and the redundancy (k, 3) of these."""
+        residuals = self._of.residuals.get(kind, pd.DataFrame())
+        if not len(residuals):
+            return np.zeros((0, 3)), np.zeros((0, 3))
+        v = residuals[["vx", "vy", "vz"]].to_numpy()
+        root = self._root(kind)
+        scaled = v / residuals[["sx", "sy", "sz"]].to_numpy() if root is None else turned(root, v)
+        return scaled**2, np.clip(np.einsum("nii->ni", self._share(kind)), 0.0, 1.0)
+
+    def _share(self, kind: str) -> np.ndarray:
+        """Cofactors (k, 3, 3) of the residuals of each row of a kind, independent, of sigma 1."""
+        if kind == "control":
+            found = [self._points[k].share[-3:, -3:] for k in self._control_points]
+            return np.array(found).reshape(-1, 3, 3)
+        return self._antennas[kind]
+
+    @cached_property
+    def _antennas(self) -> dict[str, np.ndarray]:
+        return {kind: of_antennas(self._of.covariance, kind) for kind in POSE_KINDS}
 
     # --- what all of them need ---------------------------------------------------------------
 
@@ -228,34 +274,47 @@ class Reliability:
         return whole[[*first, *(name for name in whole if name not in first)]]
 
 
-def _table(key, residuals: pd.DataFrame, share: np.ndarray, unit: str) -> pd.DataFrame:
+def _table(
+    key, residuals: pd.DataFrame, share: np.ndarray, unit: str, root: np.ndarray | None = None
+) -> pd.DataFrame:
     """The columns of `Reliability` from residuals v and sigmas s of some axes.
 
-    share (n, k, k): cofactors of the residuals of each, in units of its sigmas.
+    share (n, k, k): R, cofactors of the residuals of each where all are independent, of sigma 1;
+    root (n, k, k): G, which makes that of v; None: 1 / s. Of correlated axes, with P = G'G, an
+    error e of one shows in the test w = (P v) / sqrt((G'RG)) (Koch 1999, section 4.2.3); the
+    redundancy is the diagonal of G^-1 R G, which need not lie between 0 and 1.
     """
     keys = (key,) if isinstance(key, str) else key
     k = share.shape[1]
     axes = list("xyz"[:k])
     v = residuals[[f"v{axis}" for axis in axes]].to_numpy()
     sigma = residuals[[f"s{axis}" for axis in axes]].to_numpy()
-    r = np.clip(np.einsum("nii->ni", share), 0.0, 1.0)
-    shown = r > SHOWN
-    root = np.sqrt(np.where(shown, r, np.nan))
+    if root is None:
+        root = np.eye(k) / sigma[:, :, None]
+        r = np.clip(np.einsum("nii->ni", share), 0.0, 1.0)
+    else:
+        r = np.einsum("nii->ni", np.linalg.solve(root, share @ root))
+    across = root.transpose(0, 2, 1)
+    known = np.einsum("nji,nji->ni", root, root)
+    seen = np.clip(np.einsum("nii->ni", across @ share @ root), 0.0, known)
+    shown = seen > SHOWN * known
+    size = np.sqrt(np.where(shown, seen, np.nan))
     # Where a direction shows in no other measurement, nothing predicts the whole.
     whole = np.linalg.eigvalsh(share)[:, 0] > SHOWN if len(share) else np.zeros(0, bool)
     inverse = np.full(share.shape, np.nan)
     inverse[whole] = np.linalg.inv(share[whole])
-    scaled = v / sigma
-    left_out = np.einsum("nij,nj->ni", inverse, scaled)
+    scaled = turned(root, v)
+    left_out = turned(inverse, scaled)
     test = np.einsum("ni,ni->n", scaled, left_out)
+    back = np.linalg.inv(root)
     out = {name: np.repeat(residuals[name].astype(str).to_numpy(object), k) for name in keys}
     numbers = {
         "redundancy": r,
-        "w": scaled / root,
-        "least_error": np.where(shown, DELTA * sigma / root, np.inf),
-        "external": np.where(shown, DELTA * np.sqrt(1.0 - r) / root, np.inf),
-        "predicted": sigma * left_out,
-        "s_predicted": sigma * np.sqrt(np.einsum("nii->ni", inverse)),
+        "w": turned(across, scaled) / size,
+        "least_error": np.where(shown, DELTA / size, np.inf),
+        "external": np.where(shown, DELTA * np.sqrt(known - seen) / size, np.inf),
+        "predicted": turned(back, left_out),
+        "s_predicted": np.sqrt(np.einsum("nij,njk,nik->ni", back, inverse, back)),
         "p": np.broadcast_to(chdtrc(k, test)[:, None], r.shape),
     }
     out["axis"] = np.tile(axes, len(residuals))

@@ -16,7 +16,7 @@ from corridor.core import registry
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.export import write_gis
 from corridor.core.adjustment.misfit import misfit
-from corridor.core.adjustment.precision import FAR, MOST, chosen, in_datum
+from corridor.core.adjustment.precision import FAR, MOST, InDatum, chosen
 from corridor.core.adjustment.solving import Solution
 from corridor.core.adjustment.tables import Tables
 from corridor.core.adjustment.warnings import warnings_of
@@ -102,16 +102,44 @@ class Adjustment(Tables):
         """Standard deviations of the points among themselves: without what lies in the datum.
 
         datum: names of the points on which position, rotation and scale are laid (for a free
-        network the datum of one's choice); default: all that are determined. scale: whether the
-        scale is laid on them, too; False: it is that of the measurements, of distances say.
+        network the datum of one's choice), or of two images: the pose of the first is held, and
+        their base; default: all points that are determined. scale: whether the scale is laid on
+        them, too; False: it is that of the measurements, of distances say.
         Columns: point, x, y, z, sx, sy, sz (m). Of more than 100,000 points an even choice.
         Raises InputError for names that are no points, and for points on one line.
         Source: Baarda 1973; James, Robson and Smith 2017. See `adjustment.precision`.
         """
+        found = self.in_datum(datum, scale)
+        table = pd.DataFrame({"point": np.asarray(self.problem.point_index)[found.points]})
+        table[["x", "y", "z"]] = self.state.points[found.points]
+        table[["sx", "sy", "sz"]] = self.sigma0 * np.sqrt(found.point_variances)
+        return with_units(table, {"m": "x y z sx sy sz"})
+
+    def relative_poses(
+        self, datum: Iterable[str] | None = None, scale: bool = True
+    ) -> pd.DataFrame:
+        """Standard deviations of the poses without what lies in the datum.
+
+        datum, scale: as of `relative_precision`. Columns as of `poses`, in the order of images.csv.
+        """
+        found, table = self.in_datum(datum, scale), self.poses.copy()
+        variance = np.einsum("nii->ni", found.poses)[:, :6]
+        sigma = np.empty(variance.shape)
+        sigma[self.problem.order] = self.sigma0 * np.sqrt(np.maximum(variance, 0.0))
+        table[["sx", "sy", "sz", "s_rx", "s_ry", "s_rz"]] = sigma
+        return with_units(table, {"m": "x y z sx sy sz", "rad": "s_rx s_ry s_rz"})
+
+    def in_datum(self, datum: Iterable[str] | None = None, scale: bool = True) -> InDatum:
+        """Covariances of points and poses in a datum; arguments as of `relative_precision`."""
         p = self.problem
         names = p.point_index
         step = max(-(-len(names) // MOST), 1)
         rows = np.arange(0, len(names), step)
+        place = {name: k for k, name in enumerate(p.images.names)}
+        datum = [datum] if isinstance(datum, str) else datum
+        base = [] if datum is None else list(datum)
+        if len(base) == 2 and all(name in place for name in base):
+            return InDatum.of_base(self.covariance, rows, (place[base[0]], place[base[1]]), scale)
         if datum is not None:
             wanted = np.flatnonzero(chosen(names, datum, np.ones(len(names), bool)))
             rows = np.union1d(rows, wanted)
@@ -121,11 +149,7 @@ class Adjustment(Tables):
         rows = rows[size > 0] if datum is None else rows
         sound = sound[size > 0] if datum is None else sound
         carrying = chosen(np.asarray(names)[rows], datum, sound)
-        variance = in_datum(self.covariance, rows, carrying, scale)
-        table = pd.DataFrame({"point": np.asarray(names)[rows]})
-        table[["x", "y", "z"]] = self.state.points[rows]
-        table[["sx", "sy", "sz"]] = self.sigma0 * np.sqrt(variance)
-        return with_units(table, {"m": "x y z sx sy sz"})
+        return InDatum.of_points(self.covariance, rows, carrying, scale)
 
     @cached_property
     def variance_components(self) -> pd.DataFrame:

@@ -33,6 +33,8 @@ LEAST_DAMPING = 1e-10
 # Step at which the squares are good enough for a robust loss to start from.
 STEP_BEFORE_LOSS = 1.0
 NO_DAMPING = 1e-12
+# Reweighting makes steps that shrink by a third to a half: so many times the tolerance of squares.
+ROBUST = 10.0
 SHARED_STEP = 1e-3
 SMALL_STEP = 5e-5
 # After so short a step, in standard deviations, covariances change by less than 1e-6 of themselves:
@@ -74,8 +76,9 @@ def solve(
 ) -> Solution:
     """Minimise from the problem's start.
 
-    tolerance: RMS of the step over all unknowns, in standard deviations of unit weight; besides,
-    none that images share may have further to go than `SHARED_STEP` of its own standard deviation.
+    tolerance: RMS of the step over all unknowns (of a robust loss: all but points), in standard
+    deviations of unit weight; besides, none that images share may have further to go than
+    `SHARED_STEP` of its own standard deviation.
     A robust loss starts from the least squares solution: far from it every residual is an outlier;
     near: the start is near the solution, and the loss counts at once.
     equations: leave those of the result in `normal`, undamped, for whoever goes on with them, or
@@ -91,13 +94,12 @@ def solve(
             return _solve(normal, start, max_iterations, tolerance, say, [], equations)
         if near:
             start = normal.problem.start
-            return _solve(normal, start, max_iterations, 20 * tolerance, say, [], equations)
+            return _solve(normal, start, max_iterations, ROBUST * tolerance, say, [], equations)
         loss, normal.loss = normal.loss, Loss()
         first = _solve(normal, normal.problem.start, max_iterations, STEP_BEFORE_LOSS, say, [])
         normal.loss = loss
-        # Reweighting creeps along a few weak points long after everything else is at rest.
         return _solve(
-            normal, first.state, max_iterations, 20 * tolerance, say, first.history, equations
+            normal, first.state, max_iterations, ROBUST * tolerance, say, first.history, equations
         )
 
 
@@ -124,9 +126,15 @@ def _solve(normal, state, max_iterations, tolerance, say, history, equations=Fal
                 matrix = True
                 continue
             points, down_points, square_points = normal.substitute(state, damping, step, shared)
-            down, square = down + down_points, square + square_points
             # x' N x without damping: the step in standard deviations, squared.
+            of_images = max(down - damping * square, 0.0)
+            down, square = down + down_points, square + square_points
             length = np.sqrt(max(down - damping * square, 0.0) / p.unknown_count)
+            # A point whose rays contradict each other slides along a valley of a robust cost, with
+            # steps that hardly shrink, and nothing else depends on where it stands.
+            judged = length
+            if normal.loss.kind != SQUARES:
+                judged = np.sqrt(of_images / (p.image_count * p.d + p.shared_count))
             trial = moved_state(p, state, step, shared, points)
             relaxed = damping / release if damping / release > NO_DAMPING else 0.0
             trial_near = near
@@ -136,7 +144,7 @@ def _solve(normal, state, max_iterations, tolerance, say, history, equations=Fal
             # A damped step is short along what is badly determined: it proves nothing. Steps that
             # shrink fast leave little of what the last one moved: it is the rest that counts.
             rest = min(SHRINKING_MARGIN * length / last, 1.0) if 0.0 < last < np.inf else 1.0
-            done = length < tolerance and (
+            done = judged < tolerance and (
                 tolerance >= STEP_BEFORE_LOSS
                 or (damping == 0.0 and _at_rest(system, rest * shared, SHARED_STEP))
             )

@@ -19,7 +19,7 @@ from corridor.core.adjustment.parameters import Found, Parameters
 from corridor.core.adjustment.point_quality import quality
 from corridor.core.adjustment.reliability import Reliability
 from corridor.core.adjustment.solving import Solution
-from corridor.core.block import POSE, Block, frugal, places
+from corridor.core.block import POSE, Block, along_axes, covariance_of, frugal, places, turned
 from corridor.core.camera import INTERIOR
 from corridor.core.effects import Values
 from corridor.core.geometry import (
@@ -164,12 +164,16 @@ class Tables(Checked):
             list(pool.map(in_rows, range(2)))
         left = replace(left, pixels=np.zeros((0, 2)))  # as large as the observations
         sigma = {"tie": p.block.tie_sigma(), "mark": p.block.mark_sigma()}
+        skewed = self._skewed_rows
 
         def lengths() -> np.ndarray:
             length = np.empty(v.shape[1])
             for first in range(0, len(length), _PART):
                 part = slice(first, first + _PART)
-                length[part] = np.sqrt(v[0, part] ** 2 + v[1, part] ** 2)
+                x, y = v[0, part], v[1, part]
+                if len(skewed):
+                    x, y = skew(skewed[part], x, y)
+                length[part] = np.sqrt(x**2 + y**2)
             length[: p.tie_count] /= sigma["tie"]
             length[p.tie_count :] /= sigma["mark"]
             return length
@@ -181,6 +185,7 @@ class Tables(Checked):
         if loss.kind != 0:
             weight = _weights(loss, length)
         out = {}
+        self._seen: dict[str, np.ndarray] = {}
         for kind, rows, span in (
             ("tie", p.block.tie_points, slice(0, p.tie_count)),
             ("mark", p.block.marks, slice(p.tie_count, None)),
@@ -197,21 +202,46 @@ class Tables(Checked):
             }
             shown = {name: rows[name] for name in ("point", "image", "x", "y")}
             frame = pd.DataFrame(shown | mine, copy=False)
-            known = np.isfinite(mine["vx"])
+            self._seen[kind] = known = np.isfinite(mine["vx"])
             if not known.all():
                 frame = frame[known].reset_index(drop=True)
             out[kind] = with_units(frame, {"px": "x y vx vy sigma"})
         names = p.images.names[p.gnss_image]
-        out["gnss"] = _threes(names, "image", p.gnss_given, left.gnss, p.gnss_weight)
+        out["gnss"] = _threes(
+            names, "image", p.gnss_given, left.gnss, p.gnss_weight, turn=p.gnss_turn
+        )
         if len(p.attitude_image):
             names = p.images.names[p.attitude_image]
             degrees, weight = np.degrees(left.attitude), p.attitude_weight / np.degrees(1.0) ** 2
             out["attitude"] = _threes(names, "image", None, degrees, weight, "deg")
         names, c = self.system.control_names, len(p.control_rows)
         out["control"] = _threes(
-            names, "point", p.control_given[:c], left.control, p.control_weight[:c]
-        )
+            names, "point", p.control_given[:c], left.control, p.control_weight[:c],
+            turn=p.control_turn[:c],
+        )  # fmt: skip
         return out
+
+    @cached_property
+    def _skewed_rows(self) -> np.ndarray:
+        """`Network.skewed` in the order of the files, ties then marks, NaN where a row is unused;
+        (0, 3) where x and y of all are equally good and independent."""
+        p = self.problem
+        if not len(p.skewed):
+            return p.skewed
+        out = np.full((len(p.block.tie_points) + len(p.block.marks), 3), np.nan)
+        out[p.row] = p.skewed
+        return out
+
+    def correlated(self, kind: str) -> tuple[np.ndarray | None, np.ndarray]:
+        """What makes the rows of `gnss` or `control` in `residuals` independent (k, 3, 3), None
+        where they are, and the weights (k, 3) of that."""
+        p = self.problem
+        if kind == "attitude":
+            return None, p.attitude_weight
+        turn, weight = getattr(p, f"{kind}_turn"), getattr(p, f"{kind}_weight")
+        if kind == "control":
+            turn, weight = turn[: len(p.control_rows)], weight[: len(p.control_rows)]
+        return (turn if (turn != np.eye(3)).any() else None), weight
 
     @cached_property
     def observations(self) -> pd.DataFrame:
@@ -234,10 +264,12 @@ class Tables(Checked):
             if kind in ("gnss", "control", "attitude"):
                 v = frame[["vx", "vy", "vz"]].to_numpy()
                 s = frame[["sx", "sy", "sz"]].to_numpy()
+                turn, weight = self.correlated(kind)
+                scaled = v / s if turn is None else turned(turn, v) * np.sqrt(weight)
                 out[kind] = {
                     "count": len(frame),
                     "rms": np.sqrt(np.mean(v**2, axis=0)).tolist(),
-                    "sigma0": float(np.sqrt(np.mean((v / s) ** 2))),
+                    "sigma0": float(np.sqrt(np.mean(scaled**2))),
                     "outliers": int(frame["outlier"].sum()),
                 }
                 continue
@@ -246,11 +278,16 @@ class Tables(Checked):
             gross = gross & ~gross.all()
             kept = ~gross
             axes = [frame[axis].to_numpy() for axis in ("vx", "vy")]
+            alike = axes
+            if len(self._skewed_rows):
+                ties = len(self.problem.block.tie_points)
+                mine = self._skewed_rows[:ties] if kind == "tie" else self._skewed_rows[ties:]
+                alike = skew(mine[self._seen[kind]], *axes)
             one = np.broadcast_to(1.0, len(sigma))
             out[kind] = {
                 "count": len(frame),
                 "rms": float(np.sqrt(np.mean([_mean_square(v, one, kept) for v in axes]))),
-                "sigma0": float(np.sqrt(np.mean([_mean_square(v, sigma, kept) for v in axes]))),
+                "sigma0": float(np.sqrt(np.mean([_mean_square(v, sigma, kept) for v in alike]))),
                 "outliers": int(frame["outlier"].sum()),
                 "gross": int(gross.sum()),
             }
@@ -517,6 +554,11 @@ class Tables(Checked):
         return with_units(table, {"m": "dx dy dz sx sy sz s_dx s_dy s_dz"})
 
 
+def skew(by: np.ndarray, x: np.ndarray, y: np.ndarray) -> list[np.ndarray]:
+    """x and y (n,) after triangles 00 10 11 (n, 3)."""
+    return [by[:, 0] * x, by[:, 1] * x + by[:, 2] * y]
+
+
 def _mean_square(v: np.ndarray, sigma: np.ndarray, kept: np.ndarray) -> float:
     """Of v / sigma (n,) where it is kept, part by part: of a river each is as large as all rays."""
     total = 0.0
@@ -536,15 +578,21 @@ def _weights(loss, length: np.ndarray) -> np.ndarray:
     return 1.0 / (1.0 + (length / loss.width) ** 2)
 
 
-def _threes(names, key: str, given, residual, weight, unit: str = "m") -> pd.DataFrame:
-    """Table of residuals in metres or degrees; outliers are beyond five sigmas, or five usual."""
+def _threes(names, key: str, given, residual, weight, unit="m", turn=None) -> pd.DataFrame:
+    """Table of residuals in metres or degrees; outliers are beyond five sigmas, or five usual.
+
+    residual (k, 3), weight (k, 3): of the coordinates that are independent (`turn`, (k, 3, 3)).
+    """
+    scaled = np.abs(residual) * np.sqrt(weight)
     sigma = 1.0 / np.sqrt(weight) if len(weight) else np.zeros((0, 3))
+    if turn is not None and (turn != np.eye(3)).any():
+        residual = along_axes(turn, residual)
+        sigma = np.sqrt(np.einsum("nii->ni", covariance_of(turn, weight)))
     frame = pd.DataFrame({key: list(names)})
     if given is not None:
         frame[["x", "y", "z"]] = given
     frame[["vx", "vy", "vz"]] = residual
     frame[["sx", "sy", "sz"]] = sigma
-    scaled = np.abs(residual) / sigma
     usual = robust_scale(scaled, least=1e-6) if len(scaled) > 6 else 1.0
     frame["outlier"] = is_outlier(scaled, usual).any(axis=1)
     return with_units(frame, {unit: "x y z vx vy vz sx sy sz"})

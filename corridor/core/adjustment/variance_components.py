@@ -32,7 +32,7 @@ from corridor.core.adjustment.model import (
 )
 from corridor.core.adjustment.result import Adjustment
 from corridor.core.adjustment.uncertain_motion import MotionScale
-from corridor.core.block import Block
+from corridor.core.block import Block, turned
 from corridor.core.effects import every_effect
 from corridor.core.errors import AdjustmentFailed, InputError, some
 from corridor.core.output import counted
@@ -175,15 +175,16 @@ def _scatter(result: Adjustment) -> np.ndarray:
     """
     p = result.problem
     table = result.residuals["gnss"]
-    v = table[["vx", "vy", "vz"]].to_numpy() * np.sqrt(p.gnss_weight)
+    root = np.sqrt(p.gnss_weight)[:, :, None] * p.gnss_turn
+    v = turned(root, table[["vx", "vy", "vz"]].to_numpy())
     share = np.einsum("nii->ni", of_antennas(result.covariance))
     left = np.empty_like(v)
     to_world = result.state.rotation[p.gnss_image].transpose(0, 2, 1)
     flight = p.images.flight[p.gnss_image]
     for one in np.unique(flight):
         mine = flight == one
-        root = np.sqrt(p.gnss_weight[mine])[:, :, None]
-        shared = [np.eye(3) * root] if p.arms_free else [np.eye(3) * root, to_world[mine] * root]
+        own = root[mine]
+        shared = [own] if p.arms_free else [own, own @ to_world[mine]]
         design = np.concatenate(shared, axis=2).reshape(3 * mine.sum(), -1)
         found, _, rank, _ = np.linalg.lstsq(design, v[mine].ravel(), rcond=1e-6)
         left[mine] = (v[mine].ravel() - design @ found).reshape(-1, 3)
@@ -256,7 +257,7 @@ def _common_offset(result: Adjustment) -> tuple[np.ndarray, float]:
     flight = p.images.flight[p.gnss_image]
     flights = np.unique(flight)
     columns = (flight[:, None] == flights)[:, None, :, None] * np.eye(3)[:, None, :]
-    columns = columns.reshape(3 * len(flight), -1)
+    columns = (p.gnss_turn @ columns.reshape(len(flight), 3, -1)).reshape(3 * len(flight), -1)
     heavy = columns * p.gnss_weight.reshape(-1, 1)
     sums = rows.jacobian.T @ heavy
     system = columns.T @ heavy

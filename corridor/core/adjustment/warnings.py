@@ -9,6 +9,7 @@ from corridor.core.adjustment.blunders import exchanged_points, told_exchanged, 
 from corridor.core.adjustment.tables import Tables
 from corridor.core.effects import Without, every_effect
 from corridor.core.errors import some
+from corridor.core.geometry import GROSS
 from corridor.core.output import counted
 
 # Beyond this a parameter and a height are one quantity for every practical purpose.
@@ -317,10 +318,11 @@ def _wrong_control(a):
     # The search needs covariances; of residuals this small none comes out.
     if not a.converged or len(table) < 2 or not np.abs(scaled).max() > _LOOK:
         return
-    # Where antenna positions contradict what is stated, nobody knows who is right.
-    if a.statistics["gnss"] and a.statistics["gnss"]["sigma0"] > 2.0:
-        return
     found = a.reliability.wrong_control
+    # Where antenna positions contradict what is stated, nobody knows who is right, but of a gross
+    # error which all else bends to.
+    if a.statistics["gnss"] and a.statistics["gnss"]["sigma0"] > 2.0:
+        found = found[found["w"].abs() > GROSS][:1]
     if not len(found):
         return
     axes = {"x": "x", "y": "y", "z": "height"}

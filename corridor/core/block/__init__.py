@@ -1,8 +1,26 @@
 """The block: one flight, or several, as plain tables. Read, check, select, write, summarise."""
 
 from corridor.core.block.attitudes import level_axes
-from corridor.core.block.block import Block, files_of, is_block, read, without_distances
+from corridor.core.block.block import (
+    Block,
+    files_of,
+    is_block,
+    read,
+    with_equal_axes,
+    without_distances,
+)
 from corridor.core.block.corners import corner_rays, footprints
+from corridor.core.block.correlation import (
+    RHO,
+    along_axes,
+    correlations,
+    covariance_of,
+    covariances,
+    independent,
+    made_possible,
+    possible,
+    turned,
+)
 from corridor.core.block.reading import place, read_columns, row_numbers
 from corridor.core.block.record import forget_correction, record_correction, taken_out
 from corridor.core.block.rigs import (
@@ -35,6 +53,7 @@ __all__ = [
     "POSE",
     "QUATERNION",
     "RATES",
+    "RHO",
     "ROLES",
     "SIGMAS",
     "VELOCITY",
@@ -42,25 +61,34 @@ __all__ = [
     "Layout",
     "Mounting",
     "Summary",
+    "along_axes",
     "corner_rays",
+    "correlations",
+    "covariance_of",
+    "covariances",
     "exposures_of",
     "footprints",
     "forget_correction",
     "frugal",
     "files_of",
+    "independent",
     "is_among",
     "is_block",
     "level_axes",
+    "made_possible",
     "members_of",
     "mountings_of",
     "place",
     "places",
+    "possible",
     "read",
     "read_columns",
     "record_correction",
     "relative",
     "row_numbers",
     "taken_out",
+    "turned",
+    "with_equal_axes",
     "without_distances",
     "with_rigid_poses",
 ]

@@ -14,6 +14,7 @@ import pandas as pd
 
 from corridor.core.block import checking, writing
 from corridor.core.block.attitudes import put_rotations, rotations
+from corridor.core.block.correlation import RHO
 from corridor.core.block.reading import place, read_table
 from corridor.core.block.rigs import EXPOSURE, members_of, without_cameras
 from corridor.core.block.settings import FILE, SIGMA, read_settings
@@ -36,6 +37,8 @@ from corridor.core.errors import InputError
 # Exact coordinates: with this standard deviation results agree to all digits with those that hold
 # them (sigma naught of a published block of fixed control to 6 digits, from 1e-8 m down to 1e-12).
 EXACT_M = 1e-8
+# Tables of what was measured in pictures, and the standard deviation in block.toml that they have.
+PICTURES = {"tie_points": "tie_px", "marks": "mark_px"}
 
 
 @dataclass(eq=False)
@@ -276,12 +279,15 @@ class Block:
     # --- standard deviations -----------------------------------------------------------------
 
     def tie_sigma(self) -> np.ndarray:
-        """(n,) px of the tie observations, the default of block.toml where none is given."""
-        return self._sigma_px("tie_points", "tie_px")
+        """(n,) px of the tie observations, the default of block.toml where none is given.
+
+        Of x and y with a covariance matrix: the fourth root of its determinant.
+        """
+        return self._sigma_px("tie_points")
 
     def mark_sigma(self) -> np.ndarray:
-        """(n,) px of the marks, the default of block.toml where none is given."""
-        return self._sigma_px("marks", "mark_px")
+        """(n,) px of the marks, as `tie_sigma`."""
+        return self._sigma_px("marks")
 
     def gnss_sigma(self) -> np.ndarray:
         """(n, 3) m of the antenna positions, the default of block.toml where none is given."""
@@ -299,11 +305,35 @@ class Block:
         """
         return np.maximum(self._filled("ground", SIGMAS, "control_m"), EXACT_M)
 
-    def _sigma_px(self, table: str, default: str) -> np.ndarray:
+    def correlation(self, table: str) -> np.ndarray:
+        """Correlations of the coordinates of a table's rows, 0 where none is given: (n, 3) x and y,
+        x and z, y and z; (n, 1) of tie points and marks."""
+        frame, names = getattr(self, table), RHO[: 1 if table in PICTURES else 3]
+        if not set(names) & set(frame.columns):
+            return np.broadcast_to(0.0, (len(frame), len(names)))
+        return np.nan_to_num(self.numbers(table, *names))
+
+    def in_pictures(self, table: str) -> tuple[np.ndarray, np.ndarray] | None:
+        """Standard deviations (n, 2), px, and correlations (n, 1) of tie points or marks; None
+        where the table states none of both coordinates."""
+        frame = getattr(self, table)
+        if not {"sx", "sy", RHO[0]} & set(frame.columns):
+            return None
+        sigma = np.repeat(self._filled(table, ("sigma",), PICTURES[table]), 2, axis=1)
+        given = self.numbers(table, "sx", "sy")
+        sigma = np.where(np.isnan(given), sigma, given)
+        return sigma, self.correlation(table)
+
+    def _sigma_px(self, table: str) -> np.ndarray:
+        default = PICTURES[table]
+        sigma = np.broadcast_to(self.sigma[default], len(getattr(self, table)))
         if "sigma" in getattr(self, table):
-            return self._filled(table, ("sigma",), default)[:, 0]
+            sigma = self._filled(table, ("sigma",), default)[:, 0]
+        both = self.in_pictures(table)
+        if both is not None:
+            sigma = np.sqrt(both[0].prod(axis=1) * np.sqrt(1.0 - both[1][:, 0] ** 2))
         # One number for all takes no room.
-        return np.broadcast_to(self.sigma[default], len(getattr(self, table)))
+        return sigma
 
     def _filled(self, table: str, columns: tuple[str, ...], default: str) -> np.ndarray:
         frame = getattr(self, table)
@@ -455,13 +485,15 @@ class Block:
 
 @frugal()
 def read(folder: str | os.PathLike | Block) -> Block:
-    """Block of a folder, checked; a block that has been read is itself.
+    """Block of a folder, checked; of a block, which may have been changed since, itself, checked.
 
     Raises InputError, one sentence naming file, row and remedy, where the folder, a file or a
     column is missing, or a file holds what a block must not.
     """
     if isinstance(folder, Block):
-        return folder
+        block = _with_names_typed(folder)
+        block.check()
+        return block
     if not isinstance(folder, str | os.PathLike):
         raise InputError(
             f"a block is a folder, or what `read` makes of one, not {in_words(folder)}"
@@ -489,6 +521,19 @@ def read(folder: str | os.PathLike | Block) -> Block:
     )
     block.check()
     return block
+
+
+def _with_names_typed(block: Block) -> Block:
+    """The block with the names in its large tables as categories, where somebody has put text."""
+    texts = {
+        table: frame
+        for table in ("tie_points", "marks")
+        for frame in [getattr(block, table)]
+        if any(
+            not isinstance(frame[name].dtype, pd.CategoricalDtype) for name in ("image", "point")
+        )
+    }
+    return block.with_(**texts) if texts else block
 
 
 def without_distances(block: Block) -> tuple[Block, list[str]]:
@@ -519,3 +564,21 @@ def _chosen(names: Iterable[str], known: pd.Series | pd.Index, what: str) -> lis
     if len(unknown):
         raise InputError(f"the block has no {what} {unknown[0]!r}; correct the name")
     return names
+
+
+def with_equal_axes(block: Block) -> tuple[Block, list[str]]:
+    """A block in which x and y of each image point are equally good and independent, and a sentence
+    on that where they were not: for whoever takes them so."""
+    changed = {}
+    for table in PICTURES:
+        if block.in_pictures(table) is not None:
+            frame = getattr(block, table).drop(columns=["sx", "sy", RHO[0]], errors="ignore")
+            changed[table] = frame.assign(sigma=block._sigma_px(table))
+    if not changed:
+        return block, []
+    names = " and ".join(f"{table}.csv" for table in changed)
+    note = (
+        f"{names}: x and y of an image point count here as equally good and independent; "
+        "`corridor adjust` uses sx, sy and rho_xy."
+    )
+    return block.with_(**changed), [note]

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.block.attitudes import check_attitudes
+from corridor.core.block.correlation import RHO, possible
 from corridor.core.block.rigs import exposures_of
 from corridor.core.block.settings import FILE, SIGMA
 from corridor.core.block.tables import (
@@ -184,6 +185,12 @@ def _numbers(block, table: str) -> None:
             # Ground points may be exact: 0.
             wrong = values < 0 if table == "ground" else values <= 0
             _refuse(block, table, wrong, fault, remedy)
+    named = [name for name in RHO if name in layout.numbers and name in frame]
+    if named and len(frame):
+        wrong = ~possible(block.correlation(table))
+        fault = f"{', '.join(named)}: no measurement has such correlations"
+        remedy = "write numbers between -1 and 1 of one covariance matrix or leave the cells empty"
+        _refuse(block, table, wrong, fault, remedy)
 
 
 def _images(block) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pandas as pd
 
+from corridor.core.block.correlation import RHO
 from corridor.core.block.tables import LAYOUTS, ROLES, SIGMAS, is_among
 from corridor.core.errors import some
 from corridor.core.geometry import rotation_from_quaternion
@@ -223,7 +224,7 @@ def _columns(block) -> tuple[dict[str, float], list[str]]:
             if block.has(f"{table}.{name}"):
                 known[f"{table}.{name}"] = float(frame[name].notna().mean())
             # These have defaults; attitudes have one of several forms.
-            elif name not in ("sigma", *SIGMAS) and table != "attitudes":
+            elif name not in ("sigma", *SIGMAS, *RHO) and table != "attitudes":
                 missing.append(f"{table}.{name}")
     if not block.has("camera.readout_s"):
         missing.append("camera.readout_s")

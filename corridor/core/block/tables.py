@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pandas as pd
 
+from corridor.core.block.correlation import RHO
 from corridor.core.errors import InputError, some
 
 try:
@@ -50,7 +51,11 @@ class Layout:
         return tuple(name for name in self.listed if name not in NAMES)
 
 
-_OBSERVATIONS = Layout(("point", "image", "x", "y"), optional=("sigma",), coded=("point", "image"))
+_OBSERVATIONS = Layout(
+    ("point", "image", "x", "y"),
+    optional=("sigma", *SIGMAS[:2], RHO[0]),
+    coded=("point", "image"),
+)
 LAYOUTS = {
     "images": Layout(
         ("image", "camera"),
@@ -59,12 +64,14 @@ LAYOUTS = {
     "tie_points": _OBSERVATIONS,
     "points": Layout(("point", "x", "y", "z"), optional=SIGMAS, empty=("x", "y", "z")),
     "marks": _OBSERVATIONS,
-    "ground": Layout(("point", "x", "y", "z", "role"), optional=(*SIGMAS, "group")),
-    "gnss": Layout(("image", "x", "y", "z"), optional=SIGMAS),
+    "ground": Layout(("point", "x", "y", "z", "role"), optional=(*SIGMAS, *RHO, "group")),
+    "gnss": Layout(("image", "x", "y", "z"), optional=(*SIGMAS, *RHO)),
     "attitudes": Layout(("image",), optional=(*ANGLES[0], *ANGLES[1], *QUATERNION, *ANGLE_SIGMAS)),
     "distances": Layout(("from", "to", "distance"), optional=("sigma",)),
     "rates": Layout(("time_s", *RATES), optional=("flight", "image")),
-    "track": Layout(("time_s", "x", "y", "z"), optional=("flight", *SIGMAS, "quality", *VELOCITY)),
+    "track": Layout(
+        ("time_s", "x", "y", "z"), optional=("flight", *SIGMAS, *RHO, "quality", *VELOCITY)
+    ),
 }
 
 

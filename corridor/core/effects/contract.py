@@ -84,6 +84,8 @@ class Effect(ABC):
     searched: whether the diagnosis asks for it; not where others of the catalogue say it better.
     sudden: a break of the picture at a line, which matches across that line show one by one too.
     by_row: it differs from row to row of a picture, and has no one place in it.
+    proper: of values for each image the parameters that nothing else looks like; where the data
+    show none of them and nothing else tells that the camera moved, it is not called by its name.
     variants: the same effect for other groups, which the catalogue lists beside it. refines: of a
     variant with more sets of values, the slug of the effect.
     datum: the constant error that all positions of its place and group share.
@@ -106,6 +108,7 @@ class Effect(ABC):
     searched: bool = True
     sudden: bool = False
     by_row: bool = False
+    proper: tuple[str, ...] = ()
     datum: bool = False
     sees_points: bool = False
     refines: str = ""

@@ -167,7 +167,8 @@ class Stack:
         # One reduction tells of any NaN; looking for the row is worth it only then.
         if not np.isnan(total):
             return shift, derivative
-        bad = np.flatnonzero(np.isnan(derivative).any(axis=(1, 2)))
+        # Infinity of both signs adds up to NaN too.
+        bad = np.flatnonzero(~np.isfinite(derivative).all(axis=(1, 2)))
         name = context.images.names[context.image[bad[0]]] if context.image is not None else bad[0]
         if not effect.needs:
             raise AdjustmentFailed(

@@ -12,6 +12,9 @@ from corridor.core.effects.contract import Effect
 from corridor.core.effects.registry import every_effect
 from corridor.core.errors import InputError, did_you_mean
 
+# Tables whose effects are errors of what they hold, and what tells that a block has them.
+_OWN = {"attitudes": "attitudes", "rig": "rig.member"}
+
 
 @dataclass
 class Candidates:
@@ -51,6 +54,9 @@ def candidates(
     found = Candidates([])
     for effect in every:
         if effect.slug in taken or not (effect.searched or only):
+            continue
+        # Errors of what was not measured, or does not hang together, cannot be missing.
+        if not only and any(effect.needs_table(t) and not block.has(of) for t, of in _OWN.items()):
             continue
         missing = _missing(block, effect, free, list(control)) or _same_as(block, effect, every)
         if missing:

@@ -249,6 +249,22 @@ def invert_cholesky(v):
 
 
 @njit(**UNWRAPPED)
+def three_of(x, row):
+    """The three numbers of a row of x (n, 3)."""
+    return x[row, 0], x[row, 1], x[row, 2]
+
+
+@njit(**UNWRAPPED)
+def root_rows(root, row):
+    """Three rows of the lower triangle in a row of root (n, 6)."""
+    return (
+        (root[row, 0], 0.0, 0.0),
+        (root[row, 1], root[row, 2], 0.0),
+        (root[row, 3], root[row, 4], root[row, 5]),
+    )
+
+
+@njit(**UNWRAPPED)
 def _add_own(equations, n, at, own, less, count, place):
     """Add `count` columns (at most six) of J'J - Y'Y of one image, and J'e - Y'n.
 
@@ -385,30 +401,30 @@ def _eliminate(p, place, span, scene, damping, equations, totals, room, work, ki
     gp0, gp1, gp2 = -lane(g0, at_e), -lane(g1, at_e), -lane(g2, at_e)
     v0, v1, v2 = lane(w0, U(0)), lane(w0, U(1)), lane(w1, U(1))
     v3, v4, v5 = lane(w0, U(2)), lane(w1, U(2)), lane(w2, U(2))
-    c0, c1, c2 = 0.0, 0.0, 0.0
+    c0 = c1 = c2 = (0.0, 0.0, 0.0)
     given = control.row[p]
     if given >= 0:
-        # Three more rows, one a coordinate: by the point a unit vector, by what is
-        # shared what the effects on ground control say.
-        c0 = np.sqrt(control.weight[given, 0])
-        c1 = np.sqrt(control.weight[given, 1])
-        c2 = np.sqrt(control.weight[given, 2])
-        v0 += c0 * c0
-        v2 += c1 * c1
-        v5 += c2 * c2
+        # Three more rows, one a coordinate: by the point those of G, by what is shared what the
+        # effects on ground control say, after G.
+        c0, c1, c2 = root_rows(control.root, given)
+        w = control.weight
+        v0, v1, v2 = v0 + w[given, 0], v1 + w[given, 1], v2 + w[given, 2]
+        v3, v4, v5 = v3 + w[given, 3], v4 + w[given, 4], v5 + w[given, 5]
         for axis in range(3):
-            weight = np.sqrt(control.weight[given, axis])
-            work.residual[U(axis)] = weight * control.residual[given, axis]
+            c = c0 if axis == 0 else c1 if axis == 1 else c2
+            work.residual[U(axis)] = dot(c, three_of(control.residual, given))
             b0 = U(axis) * q
-            for c in range(lo, hi):
-                work.control[b0 + U(c)] = 0.0
+            for r in range(lo, hi):
+                work.control[b0 + U(r)] = 0.0
             for s in range(d_ground.shape[2]):
-                c = columns.ground[given, s]
-                if c >= 0:
-                    work.control[b0 + U(c)] += weight * d_ground[given, axis, s]
-        gp0 += c0 * work.residual[U(0)]
-        gp1 += c1 * work.residual[U(1)]
-        gp2 += c2 * work.residual[U(2)]
+                r = columns.ground[given, s]
+                if r >= 0:
+                    by = d_ground[given, 0, s], d_ground[given, 1, s], d_ground[given, 2, s]
+                    work.control[b0 + U(r)] += dot(c, by)
+        e = work.residual[U(0)], work.residual[U(1)], work.residual[U(2)]
+        gp0 += c0[0] * e[0] + c1[0] * e[1] + c2[0] * e[2]
+        gp1 += c1[1] * e[1] + c2[1] * e[2]
+        gp2 += c2[2] * e[2]
     grown = 1.0 + damping
     i0, i1, i2, i3, i4, i5, weak = invert_cholesky((v0 * grown, v1, v2 * grown, v3, v4, v5 * grown))
     totals[2] += weak
@@ -460,9 +476,11 @@ def _eliminate(p, place, span, scene, damping, equations, totals, room, work, ki
         add_some(equations.shared_diagonal, U(x), squares, U(PANEL))
         at = U(x)
         if given >= 0:
-            w0 = plus(w0, -c0, panel(work.control, at))
-            w1 = plus(w1, -c1, panel(work.control, at + q))
-            w2 = plus(w2, -c2, panel(work.control, at + q + q))
+            s0, s1 = panel(work.control, at), panel(work.control, at + q)
+            s2 = panel(work.control, at + q + q)
+            w0 = plus(plus(plus(w0, -c0[0], s0), -c1[0], s1), -c2[0], s2)
+            w1 = plus(plus(w1, -c1[1], s1), -c2[1], s2)
+            w2 = plus(w2, -c2[2], s2)
         put(z, at, -i0 * w0)
         put(z, at + q, -i1 * w0 - i2 * w1)
         put(z, at + q + q, -i3 * w0 - i4 * w1 - i5 * w2)
@@ -473,12 +491,8 @@ def _eliminate(p, place, span, scene, damping, equations, totals, room, work, ki
             put(work.left, b0, plus(plus(s, -a[1], z1), -a[2], z2))
     if given >= 0 and d_ground.shape[2] > 0:
         for axis in range(3):
-            weight = np.sqrt(control.weight[given, axis])
-            a = (0.0, 0.0, i5 * weight)
-            if axis == 0:
-                a = (i0 * weight, i1 * weight, i3 * weight)
-            elif axis == 1:
-                a = (0.0, i2 * weight, i4 * weight)
+            c = c0 if axis == 0 else c1 if axis == 1 else c2
+            a = i0 * c[0], i1 * c[0] + i2 * c[1], i3 * c[0] + i4 * c[1] + i5 * c[2]
             e0 = work.residual[U(axis)] - dot(a, right)
             b0 = U(axis) * q
             for r in range(lo, hi):
@@ -755,24 +769,23 @@ def _move(p, a, b, scene, damping, step, moved):
     t2, g0, g1, g2 = lane(b, U(0)), lane(b, U(1)), lane(b, U(2)), lane(b, U(3))
     given = control.row[p]
     if given >= 0:
-        w0, w1, w2 = control.weight[given, 0], control.weight[given, 1], control.weight[given, 2]
-        e0, e1 = control.residual[given, 0], control.residual[given, 1]
-        e2 = control.residual[given, 2]
-        v0 += w0
-        v2 += w1
-        v5 += w2
-        g0 += w0 * e0
-        g1 += w1 * e1
-        g2 += w2 * e2
+        w = control.weight
+        w0, w1, w2 = w[given, 0], w[given, 1], w[given, 2]
+        w3, w4, w5 = w[given, 3], w[given, 4], w[given, 5]
+        e0, e1, e2 = three_of(control.residual, given)
+        v0, v1, v2, v3, v4, v5 = v0 + w0, v1 + w1, v2 + w2, v3 + w3, v4 + w4, v5 + w5
+        g0 += w0 * e0 + w1 * e1 + w3 * e2
+        g1 += w1 * e0 + w2 * e1 + w4 * e2
+        g2 += w3 * e0 + w4 * e1 + w5 * e2
         for s in range(d_ground.shape[2]):
             c = scene.columns.ground[given, s]
             if c >= 0:
                 e0 -= d_ground[given, 0, s] * step.shared[c]
                 e1 -= d_ground[given, 1, s] * step.shared[c]
                 e2 -= d_ground[given, 2, s] * step.shared[c]
-        t0 += w0 * e0
-        t1 += w1 * e1
-        t2 += w2 * e2
+        t0 += w0 * e0 + w1 * e1 + w3 * e2
+        t1 += w1 * e0 + w2 * e1 + w4 * e2
+        t2 += w3 * e0 + w4 * e1 + w5 * e2
     grown = 1.0 + damping
     i0, i1, i2, i3, i4, i5, _ = invert_cholesky((v0 * grown, v1, v2 * grown, v3, v4, v5 * grown))
     n0, n1, n2 = i0 * t0, i1 * t0 + i2 * t1, i3 * t0 + i4 * t1 + i5 * t2

@@ -172,16 +172,14 @@ def _fill(p, n, m, count, scene, d, room, together):
     _put_three(root, U(3 * PANEL), (v3, v4, v5))
     for j in range(PANEL):
         at = U(j)
-        u0, u1, u2 = root[at], root[at + U(2 * PANEL)], root[at + U(5 * PANEL)]
+        u0, u1, u2 = root[at], root[at + U(PANEL)], root[at + U(2 * PANEL)]
+        u3, u4, u5 = root[at + U(3 * PANEL)], root[at + U(4 * PANEL)], root[at + U(5 * PANEL)]
         given = control.row[p + j] if j < count else -1
         if given >= 0:
-            u0 += control.weight[given, 0]
-            u1 += control.weight[given, 1]
-            u2 += control.weight[given, 2]
-        between = root[at + U(PANEL)], root[at + U(3 * PANEL)], root[at + U(4 * PANEL)]
-        i0, i1, i2, i3, i4, i5, _ = invert_cholesky(
-            (u0, between[0], u1, between[1], between[2], u2)
-        )
+            w = control.weight
+            u0, u1, u2 = u0 + w[given, 0], u1 + w[given, 1], u2 + w[given, 2]
+            u3, u4, u5 = u3 + w[given, 3], u4 + w[given, 4], u5 + w[given, 5]
+        i0, i1, i2, i3, i4, i5, _ = invert_cholesky((u0, u1, u2, u3, u4, u5))
         if j >= count:
             i0, i1, i2, i3, i4, i5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         root[at], root[at + U(PANEL)], root[at + U(2 * PANEL)] = i0, i1, i2
@@ -211,9 +209,11 @@ def _fill(p, n, m, count, scene, d, room, together):
         for s in range(d_ground.shape[2]):
             c = columns.ground[given, s]
             if c >= 0:
-                g0 = control.weight[given, 0] * d_ground[given, 0, s]
-                g1 = control.weight[given, 1] * d_ground[given, 1, s]
-                g2 = control.weight[given, 2] * d_ground[given, 2, s]
+                w = control.weight
+                by = d_ground[given, 0, s], d_ground[given, 1, s], d_ground[given, 2, s]
+                g0 = w[given, 0] * by[0] + w[given, 1] * by[1] + w[given, 3] * by[2]
+                g1 = w[given, 1] * by[0] + w[given, 2] * by[1] + w[given, 4] * by[2]
+                g2 = w[given, 3] * by[0] + w[given, 4] * by[1] + w[given, 5] * by[2]
                 t = _half(inverse, (g0 * same(1.0), g1 * same(1.0), g2 * same(1.0)))
                 at = U(c * ROW)
                 z = _three(shared, at)

@@ -49,12 +49,14 @@ SPARE = U(2 * INNER * PANEL)
 
 class Observations(NamedTuple):
     """start (points + 1,): where the rays of a point begin; of each ray image (n,), xy (n, 2) px
-    and weight (n,) or (1,), the root of it."""
+    and weight (n,) or (1,), the root of it. skewed (n, 3) or (0, 3): matrix 00 10 11 before
+    residuals whose x and y are correlated, or not equally good."""
 
     start: np.ndarray
     image: np.ndarray
     xy: np.ndarray
     weight: np.ndarray
+    skewed: np.ndarray
 
 
 class Cameras(NamedTuple):
@@ -116,10 +118,12 @@ class Columns(NamedTuple):
 
 
 class Control(NamedTuple):
-    """row (points,) of a point in the next, or -1; weight and residual (c, 3), 1/m^2 and m."""
+    """row (points,) of a point in the next, or -1; weight W (c, 6), 1/m^2, root (c, 6), the lower
+    triangle G of W = G'G, both 00 10 11 20 21 22; residual (c, 3), m."""
 
     row: np.ndarray
     weight: np.ndarray
+    root: np.ndarray
     residual: np.ndarray
 
 
@@ -138,10 +142,10 @@ class Scene(NamedTuple):
 
 
 class Room(NamedTuple):
-    """Rays of some points: image (n,); given (16, n), flat: x, y, root of the weight, point (3),
-    row, shift and slope (6), modelled pixel. Jacobian rows, two a ray: own (n, 2, row), by the
-    image and behind it the weighted residual, point (n, 2, 8), shared (n, 2, wide); work: the
-    derivatives of eight rays."""
+    """Rays of some points: image (n,); given (18, n), flat: x, y, root of the weight, point (3),
+    row, shift and slope (6), modelled pixel (2), skewed (3). Jacobian rows, two a ray: own
+    (n, 2, row), by the image and behind it the weighted residual, point (n, 2, 8), shared
+    (n, 2, wide); work: the derivatives of eight rays."""
 
     image: np.ndarray
     given: np.ndarray
@@ -156,7 +160,8 @@ class Seen(NamedTuple):
     the camera; root of the weight, 0 behind it; ray u, v and the same distorted; weighted
     derivatives of x and y by X; weighted residuals; focal length. Of moving cameras turn and place
     of the row. slope: matrix before the pixel's derivatives: what moves the pixel moves its row,
-    and the row moves the camera; and effects on the image look at where the pixel is."""
+    and the row moves the camera; effects on the image look at where the pixel is; and x and y may
+    be skewed."""
 
     x: tuple
     rotation: tuple
@@ -193,7 +198,7 @@ def make_room(rays: int, d: int, wide: int) -> Room:
     n = rays + PANEL
     return Room(
         np.zeros(n, dtype=np.int64),
-        aligned(16 * n),
+        aligned(18 * n),
         aligned(n * 2 * row_length(d)),
         aligned(n * 2 * PANEL),
         aligned(n * 2 * wide),
@@ -295,7 +300,7 @@ def add_point(p, n, scene, room):
     shifts = looked.shift.shape[1] if looked.shift.shape[0] > 0 else 0
     start = observations.start[p]
     m = observations.start[p + 1] - start
-    one = observations.weight.shape[0] == 1
+    one, skewed = observations.weight.shape[0] == 1, observations.skewed.shape[0] > 0
     x, y, z = scene.points[p, 0], scene.points[p, 1], scene.points[p, 2]
     for k in range(m):
         o, at = U(start + k), U(n + k)
@@ -321,6 +326,11 @@ def add_point(p, n, scene, room):
             at = U(13) * apart + U(n + k)
             given[at] = looked.modelled[o, U(0)]
             given[at + apart] = looked.modelled[o, U(1)]
+        if skewed:
+            at = U(15) * apart + U(n + k)
+            for c in range(3):
+                given[at] = observations.skewed[o, U(c)]
+                at += apart
     return n + m
 
 
@@ -331,7 +341,7 @@ def fill_up(n, room):
     last = U(n - 1)
     for k in range(n, -(-n // PANEL) * PANEL):
         room.image[U(k)] = room.image[last]
-        for c in range(15):
+        for c in range(18):
             given[U(c) * apart + U(k)] = given[U(c) * apart + last] if c != 2 else 0.0
 
 
@@ -459,6 +469,14 @@ def _see_once(n, scene, room):
     weight = where_positive(iz, panel(given, n + apart + apart), zero)
     ex = weight * (panel(given, n) - mx)
     ey = weight * (panel(given, n + apart) - my)
+    if scene.observations.skewed.shape[0] > 0:
+        at = n + U(15) * apart
+        skew = panel(given, at), zero, panel(given, at + apart), panel(given, at + apart + apart)
+        ex, ey = sloped(skew, ex, ey)
+        g, h = sloped_rows(skew, g, h)
+        s00, s10 = sloped(skew, before_it[0], before_it[2])
+        s01, s11 = sloped(skew, before_it[1], before_it[3])
+        before_it = s00, s01, s10, s11
     cost = ex * ex + ey * ey
     if scene.loss.kind != SQUARES:
         cost, soft = _robust(scene.loss, cost)
@@ -600,6 +618,7 @@ def _interior(seen, scene, room):
     u, v, a, b = seen.ray
     f, r, work = seen.focal, seen.root, room.work
     moved = scene.cameras.motion.shape[1] > 0 or scene.looked.shift.shape[0] > 0
+    moved = moved or scene.observations.skewed.shape[0] > 0
     by_f, by_cx, by_cy, by_p1, by_p2, by_b1, by_b2 = interior_columns(
         u, v, a, b, f, same(1.0), zeros()
     )  # fmt: skip

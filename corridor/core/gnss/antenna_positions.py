@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.core.block import Block
+from corridor.core.block import RHO, Block, correlations, covariances
 from corridor.core.brief import brief
 from corridor.core.errors import InputError, WorkFailed
 from corridor.core.gnss.alignment import align
@@ -169,6 +169,8 @@ def antenna(
     sigma = made.table.loc[good, ["sx", "sy", "sz"]].to_numpy()
     if np.isfinite(sigma).all():
         gnss[["sx", "sy", "sz"]] = sigma
+        if set(RHO) <= set(made.table):
+            gnss[list(RHO)] = made.table.loc[good, list(RHO)].to_numpy()
     refused = made.table.loc[~good, ["time_s", "why"]].reset_index(drop=True)
     refused.insert(0, "image", names.to_numpy()[~good])
     notes = (*track.notes, *exposures.notes, *alignment.notes, *made.notes)
@@ -239,6 +241,12 @@ def _with_resolution(made: Interpolated, step: float) -> Interpolated:
     sigma = np.hypot(table[["sx", "sy", "sz"]].to_numpy(), speed * step / np.sqrt(3))
     largest = np.nan_to_num(sigma).max(axis=1)
     weak = (table["why"] == "").to_numpy() & (largest > made.max_sigma)
+    if set(RHO) <= set(table):
+        # What is flown within a step is an error along the way, of all axes together.
+        rho = np.nan_to_num(table[list(RHO)].to_numpy())
+        along = step / np.sqrt(3) * speed
+        whole = covariances(np.nan_to_num(table[["sx", "sy", "sz"]].to_numpy()), rho)
+        table[list(RHO)] = correlations(whole + along[:, :, None] * along[:, None])
     table[["sx", "sy", "sz"]] = sigma
     table.loc[weak, "why"] = [
         f"sigma {value:.2f} m is above {made.max_sigma:g} m" for value in largest[weak]

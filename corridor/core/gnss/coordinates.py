@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from corridor.core.block import RHO, correlations, covariances
 from corridor.core.errors import InputError
 from corridor.core.gnss.track import GEOCENTRIC, GEOGRAPHIC, Track
 
@@ -276,19 +277,13 @@ def _turned(table, rotation: np.ndarray):
     for names in _SIGMAS:
         if not set(names) <= set(table):
             continue
-        covariance = np.zeros((len(table), 3, 3))
-        covariance[:, range(3), range(3)] = table[list(names)].to_numpy() ** 2
-        full = names[0] == "sx" and {"cxy", "cyz", "czx"} <= set(table)
+        full = names[0] == "sx" and set(RHO) <= set(table)
+        sigma = table[list(names)].to_numpy()
+        rho = table[list(RHO)].to_numpy() if full else np.zeros(sigma.shape)
+        covariance = rotation @ covariances(sigma, rho) @ rotation.T
+        table[list(names)] = np.sqrt(np.einsum("nii->ni", covariance))
         if full:
-            for name, (i, j) in (("cxy", (0, 1)), ("cyz", (1, 2)), ("czx", (2, 0))):
-                covariance[:, i, j] = covariance[:, j, i] = table[name].to_numpy()
-        covariance = rotation @ covariance @ rotation.T
-        # Printed digits may leave a covariance that is not quite possible.
-        variance = np.maximum(covariance[:, range(3), range(3)], 0.0)
-        table[list(names)] = np.sqrt(variance)
-        if full:
-            for name, (i, j) in (("cxy", (0, 1)), ("cyz", (1, 2)), ("czx", (2, 0))):
-                table[name] = covariance[:, i, j]
+            table[list(RHO)] = correlations(covariance)
     return table
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from corridor.core.block import POSE, Block
+from corridor.core.block import POSE, RHO, Block, correlations, covariances
 from corridor.core.errors import InputError
 from corridor.core.geometry import quaternion_from_rotation, rotation_from_quaternion, similarity
 from corridor.core.gnss.coordinates import Local, convert, known_crs
@@ -151,11 +151,15 @@ def moved(block: Block, target: Local | str, crs: str | None = None) -> Block:
             made.put(table, names, np.einsum("nij,nj->ni", turns[table], velocity))
     for table, names in _SIGMAS:
         if _has(block, table, names):
-            sigma = block.numbers(table, *names)
+            sigma, rho = block.numbers(table, *names), np.array(block.correlation(table))
             known = np.isfinite(sigma).all(axis=1)
-            turned = np.einsum("nij,nj->ni", turns[table][known] ** 2, sigma[known] ** 2)
-            sigma[known] = np.sqrt(turned)
+            turn = turns[table][known]
+            full = turn @ covariances(sigma[known], rho[known]) @ turn.transpose(0, 2, 1)
+            sigma[known] = np.sqrt(np.einsum("nii->ni", full))
             made.put(table, names, sigma)
+            if rho.any():
+                rho[known] = correlations(full)
+                made.put(table, RHO, rho)
     made.extra = {key: value for key, value in block.extra.items() if key != FRAME}
     made.offset = np.zeros(3)
     if isinstance(target, Local):

@@ -26,7 +26,7 @@ class Track:
         x, y, z: metres; longitude and latitude in degrees, height in metres where `crs` is
             EPSG:4979
         sx, sy, sz: standard deviations, metres, east, north, up (along the axes where `crs` is
-            geocentric or None); cxy, cyz, czx: covariances, m2; optional
+            geocentric or None); rho_xy, rho_xz, rho_yz: their correlations; optional
         vx, vy, vz, svx, svy, svz: velocities and their standard deviations, m/s, axes as for sx;
             optional
         quality: RTKLIB's number (1 fix, 2 float, 3 SBAS, 4 DGPS, 5 single, 6 PPP); optional

@@ -258,6 +258,9 @@ def _reduced_marks(block: Block) -> Iterator[str]:
     left = np.median(np.linalg.norm(measured - factor * there, axis=1))
     if not abs(np.log(max(factor, 1e-9))) > _RESIZED or left > _OF_RESIZED * off:
         return
+    # A factor that takes whatever is there to the corner leaves marks where they are.
+    if left > _OF_RESIZED * np.median(np.linalg.norm(measured, axis=1)):
+        return
     width, height = factor * cameras[known][0, 3:]
     yield (
         f"Marks lie {off:.0f} px (median) from where the start values put them, all towards the "

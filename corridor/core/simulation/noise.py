@@ -1,8 +1,10 @@
 """Random errors of the measurements of a block."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from corridor.core.block import Block, level_axes
+from corridor.core.block import RHO, Block, along_axes, independent, level_axes
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_vector
 from corridor.core.gnss import SlowNoise
@@ -20,10 +22,13 @@ def add_noise(block: Block, noise: Noise, seed: int = 0) -> Block:
     attitude_deg: of a turn about the heading, the horizontal to its right and the vertical,
     degrees, one number or three.
     gnss_m, control_m: of an antenna position and of a surveyed ground point (control and check
-    points alike), metres, one number or three (x, y, z).
+    points alike), metres, one number or three (x, y, z). distance_m: of a distance, metres.
     outliers: share of the tie observations that are moved by 5 to 50 px in any direction on top;
     an outlier stays inside its picture.
     rounding_px: step to which all image coordinates are rounded in the end, pixels.
+    image_rho: correlation of x and y of an image point; gnss_rho, control_rho: of x and y, x and z,
+    y and z of an antenna position and of a ground point. The tables get them as rho_xy, rho_xz,
+    rho_yz; without, errors have the correlations that a table has.
     gnss_slow: share of the antenna's variance that is exponentially correlated in time, with the
     time constant gnss_slow_s, seconds; each flight on its own.
     noise: a `Noise` in place of these.
@@ -35,20 +40,41 @@ def add_noise(block: Block, noise: Noise, seed: int = 0) -> Block:
     control = np.broadcast_to(np.asarray(noise.control_m, dtype=float), 3)
     attitude = np.broadcast_to(np.asarray(noise.attitude_deg, dtype=float), 3)
     block = block.copy()
-    draw = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(7)]
+    for table, names, rho in (
+        ("tie_points", RHO[:1], noise.image_rho),
+        ("marks", RHO[:1], noise.image_rho),
+        ("gnss", RHO, noise.gnss_rho),
+        ("ground", RHO, noise.control_rho),
+    ):
+        if np.any(rho):
+            shape = len(getattr(block, table)), len(names)
+            block.put(table, names, np.broadcast_to(np.asarray(rho, float), shape))
+    draw = [np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(8)]
 
-    def shake(table: str, columns: str, sigma: float | np.ndarray, rng) -> None:
+    def shake(table: str, columns: Sequence[str], sigma: float | np.ndarray, rng) -> None:
         if len(getattr(block, table)):
             values = block.numbers(table, *columns)
-            block.put(table, columns, values + sigma * rng.standard_normal(values.shape))
+            drawn = correlated(table, rng.standard_normal(values.shape))
+            block.put(table, columns, values + sigma * drawn)
+
+    def correlated(table: str, drawn: np.ndarray) -> np.ndarray:
+        rho = block.correlation(table) if drawn.shape[1] > 1 else np.zeros(0)
+        if not rho.any():
+            return drawn
+        turn, left = independent(np.ones(drawn.shape), rho)
+        return along_axes(turn, left * drawn)
 
     shake("tie_points", "xy", noise.tie_px, draw[0])
     shake("marks", "xy", noise.mark_px, draw[1])
     shake("gnss", "xyz", np.sqrt(1 - noise.gnss_slow) * gnss, draw[2])
     if noise.gnss_slow and len(block.gnss):
-        slow = np.sqrt(noise.gnss_slow) * gnss * _slow(block, noise.gnss_slow_s, draw[5])
+        slow = correlated("gnss", _slow(block, noise.gnss_slow_s, draw[5]))
+        slow *= np.sqrt(noise.gnss_slow) * gnss
         block.put("gnss", "xyz", block.numbers("gnss", *"xyz") + slow)
     shake("ground", "xyz", control, draw[3])
+    if noise.distance_m and len(block.distances):
+        shake("distances", ("distance",), noise.distance_m, draw[7])
+        block.put("distances", ("sigma",), np.full((len(block.distances), 1), noise.distance_m))
     if len(block.attitudes) and attitude.any():
         turned = block.attitude_rotations
         level = np.radians(attitude) * draw[6].standard_normal((len(turned), 3))

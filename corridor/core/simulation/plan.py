@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from corridor.core.block import Mounting, mountings_of
+from corridor.core.block import Mounting, mountings_of, possible
 from corridor.core.brief import brief
 from corridor.core.camera import Camera
 from corridor.core.errors import InputError, did_you_mean
@@ -201,6 +201,8 @@ class Ground:
     check_from_ties: up to so many more check points, taken from the tie points that three images
     or more show, evenly over the ground between the strips' ends; within_m: at most so far from
     the axis. Their marks are the tie points'.
+    bars: up to so many scale bars or tapes between two tie points that three images or more show,
+    each about bar_m long, evenly over the ground.
     """
 
     control: int = 5
@@ -210,15 +212,17 @@ class Ground:
     offset_m: float | None = None
     check_from_ties: int = 0
     within_m: float | None = None
+    bars: int = 0
+    bar_m: float = 2.0
 
     def __post_init__(self):
         say = _Checker("ground", self)
-        say.at_least(0, "control", "check", "check_from_ties", "offset_m")
+        say.at_least(0, "control", "check", "check_from_ties", "offset_m", "bars")
         say.one_of("layout", *LAYOUTS)
         for key in ("control", "check"):
             if getattr(self, key) > MOST_SURVEYED:
                 say.fail(f"{key} = {getattr(self, key)} is more than {MOST_SURVEYED} points")
-        say.positive("every_m", "within_m")
+        say.positive("every_m", "within_m", "bar_m")
 
 
 @dataclass(frozen=True)
@@ -229,7 +233,11 @@ class Noise:
     mark_px: float = 0.0
     gnss_m: float | tuple[float, float, float] = 0.0
     control_m: float | tuple[float, float, float] = 0.0
+    distance_m: float = 0.0
     attitude_deg: float | tuple[float, float, float] = 0.0
+    image_rho: float = 0.0
+    gnss_rho: float | tuple[float, float, float] = 0.0
+    control_rho: float | tuple[float, float, float] = 0.0
     outliers: float = 0.0
     rounding_px: float = 0.0
     gnss_slow: float = 0.0
@@ -237,12 +245,16 @@ class Noise:
 
     def __post_init__(self):
         say = _Checker("noise", self)
-        say.at_least(0, "tie_px", "mark_px", "gnss_m", "control_m", "attitude_deg", "rounding_px")
-        say.at_least(0, "outliers", "gnss_slow")
+        say.at_least(0, "tie_px", "mark_px", "gnss_m", "control_m", "distance_m", "attitude_deg")
+        say.at_least(0, "rounding_px", "outliers", "gnss_slow")
         for key in ("outliers", "gnss_slow"):
             if getattr(self, key) > 1:
                 say.fail(f"{key} = {getattr(self, key):g} is a share: give 0 to 1")
         say.positive("gnss_slow_s")
+        for key, count in (("image_rho", 1), ("gnss_rho", 3), ("control_rho", 3)):
+            rho = np.asarray(getattr(self, key), dtype=float)
+            if rho.shape not in ((), (count,)) or not possible(np.broadcast_to(rho, (1, count)))[0]:
+                say.fail(f"{key} = {getattr(self, key)!r}: no covariance has such correlations")
 
 
 @dataclass(frozen=True)

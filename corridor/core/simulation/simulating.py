@@ -142,7 +142,7 @@ def perfect_block(
             f"{images} images with {per_image} tie points each are more than "
             f"{_MOST_OBSERVATIONS:.0e} observations: lower per_image or fly less"
         )
-    draw = [np.random.default_rng(child) for child in np.random.SeedSequence([seed, 3]).spawn(4)]
+    draw = [np.random.default_rng(child) for child in np.random.SeedSequence([seed, 3]).spawn(5)]
     flown = fly(plan, seed)
     network = Network(flown, low, high, plan.tie_points.border_px)
 
@@ -183,6 +183,7 @@ def perfect_block(
                 "role": [*role.tolist(), *["check"] * len(picked)],
             }
         ),
+        distances=_bars(plan.ground, ties, tie_names, draw[4]),
         extra=_constants(plan),
         gnss=pd.DataFrame({"image": image_name, **_xyz(flown.antenna)})[flown.leads & plan.gnss],
         attitudes=flown.table[["image", *QUATERNION]][flown.leads] if plan.attitudes else None,
@@ -271,6 +272,27 @@ def _check_points(
         fit &= np.abs(seen.across) <= ground.within_m
     rows = np.flatnonzero(fit)
     return rows[evenly(seen.station[rows], seen.across[rows], ground.check_from_ties, draw)]
+
+
+def _bars(
+    ground: Ground, ties: _Points, names: list[str], draw: np.random.Generator
+) -> pd.DataFrame | None:
+    """Distances between pairs of tie points, as true as they are."""
+    fit = np.flatnonzero(ties.views.multiplicity >= 3)
+    if not ground.bars or len(fit) < 2:
+        return None
+    place, free = ties.place[fit], np.ones(len(fit), bool)
+    rows = []
+    for first in evenly(ties.station[fit], ties.across[fit], ground.bars, draw).tolist():
+        if not free[first]:
+            continue
+        free[first] = False
+        apart = np.linalg.norm(place - place[first], axis=1)
+        second = int(np.argmin(np.where(free, np.abs(apart - ground.bar_m), np.inf)))
+        if free[second]:
+            free[second] = False
+            rows.append((names[fit[first]], names[fit[second]], float(apart[second])))
+    return pd.DataFrame(rows, columns=["from", "to", "distance"])
 
 
 def _settings(given, plans, kind):

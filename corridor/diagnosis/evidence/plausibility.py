@@ -50,6 +50,35 @@ def impossible(evidence: Evidence, found: Found) -> dict[str, str]:
     return out
 
 
+def nameless(evidence: Evidence, found: Found, moving: bool) -> dict[str, str]:
+    """Groups of values for each image that nothing makes what they are called: key -> sentence.
+
+    moving: the block states a readout, or rates of the camera. A shape in each image follows
+    whatever differs from image to image: its name needs what nothing else looks like (`proper`), or
+    a motion during the readout that all images share.
+    """
+    groups = evidence.groups
+    shared = (n for n in found.chosen if groups[n].own is None)
+    if moving or any(groups[n].effect.during_readout for n in shared):
+        return {}
+    out: dict[str, str] = {}
+    for n, kappa in found.chosen.items():
+        group = groups[n]
+        proper = np.array([name in group.effect.proper for _, name, _ in group.labels])
+        if group.own is None or not proper.any():
+            continue
+        without = {**found.chosen, n: np.where(proper, 1.0 / SETTINGS.free_size, kappa)}
+        # As likely without it as with it, or likelier.
+        if evidence.total(found.chosen) <= evidence.total(without):
+            called = f"{group.effect.called[0].upper()}{group.effect.called[1:]}"
+            out[group.key] = (
+                f"{called} would fit, but neither the block nor its measurements show a readout, "
+                f"nor {', '.join(group.effect.proper)}, which nothing else looks like: it is not "
+                "taken for the cause. readout_s in block.toml, or rates.csv, would tell."
+            )
+    return out
+
+
 def _within(group, theta: np.ndarray, covariance: np.ndarray) -> float:
     """Share of what a group explains that is left where none of its parameters is beyond its most.
 

@@ -41,7 +41,7 @@ def locate(one: Round, number: int, theta: np.ndarray) -> tuple[str, dict]:
 
 
 def _ground(system, effect, control, table) -> tuple[str, dict]:
-    given = system.control.given
+    given = system.control.along_axes(system.control.given)
     context = Context(system.images, point=control, position=given)
     rows = np.broadcast_to(table, (len(given), table.shape[1]))
     shift, _ = effect.shift(context, rows)

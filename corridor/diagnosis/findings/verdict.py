@@ -312,7 +312,8 @@ def detection_limits(one: Round) -> dict[str, dict[str, float | None]]:
 
     4.5 standard deviations of the parameter with the others of its group known to be small (one
     prior standard deviation); of values for each image, the root mean square that the variance
-    shows. None where this block says nothing.
+    shows. None where this block says nothing. Beside what was found, as free as it is: another
+    cause of the same would have been taken for that.
 
     What the antenna alone feels can pass for its own slow noise, of which the size is estimated
     too: chi square grows with the logarithm of the effect then, as of Student's t, and the limit is
@@ -326,6 +327,8 @@ def detection_limits(one: Round) -> dict[str, dict[str, float | None]]:
         else SETTINGS.detection_sigma
     )
     out: dict[str, dict[str, float | None]] = {}
+    found = evidence.freed(evidence.of_core(one.found.chosen))
+    left = evidence.beside(found).M if found else evidence.reduced.M
     for n, group in enumerate(evidence.groups):
         if group.generic:
             continue
@@ -347,7 +350,10 @@ def detection_limits(one: Round) -> dict[str, dict[str, float | None]]:
                     else None
                 )
             continue
-        M = evidence.block(group)[0] / evidence.inflation[n]
+        others = {k: size for k, size in found.items() if k != n}
+        core = evidence.beside(others).M if n in found and others else left
+        core = evidence.reduced.M if n in found and not others else core
+        M = core[np.ix_(group.columns, group.columns)] / evidence.inflation[n]
         times = through_noise if _like_noise(one, n) else SETTINGS.detection_sigma
         sigma = np.sqrt(np.diag(np.linalg.inv(M + np.eye(len(M)))))
         for k, (_, name, _) in enumerate(group.labels):

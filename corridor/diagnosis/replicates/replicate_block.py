@@ -46,7 +46,9 @@ def counterpart(
         setattr(block, table, frame)
     if len(drawn.gnss):
         known = np.flatnonzero(np.isfinite(block.gnss[["x", "y", "z"]].to_numpy(float)).all(axis=1))
-        block.gnss.loc[block.gnss.index[known], ["x", "y", "z"]] = drawn.gnss
+        block.gnss.loc[block.gnss.index[known], ["x", "y", "z"]] = system.gnss.along_axes(
+            drawn.gnss
+        )
     if len(block.attitudes):
         turned = block.attitude_rotations
         count = len(system.attitude.given)
@@ -54,7 +56,7 @@ def counterpart(
         turned[np.isfinite(turned).all(axis=(1, 2))] = given
         block.put_attitudes(turned)
     for rows, values in (
-        (system.control_rows, drawn.control),
+        (system.control_rows, system.control.along_axes(drawn.control)),
         (replicator.check_rows, drawn.check + replicator.check_moved),
     ):
         if len(rows):

@@ -17,6 +17,7 @@ import pandas as pd
 
 from corridor.core.adjustment import LOSSES, ImageRows, LinearSystem, Loss, refuse_distances
 from corridor.core.effects import Context, every_effect
+from corridor.core.errors import InputError
 from corridor.core.geometry import (
     CLIPPED,
     UNUSABLE,
@@ -240,6 +241,11 @@ class Replicator:
     def __init__(self, adjustment: Adjustment):
         system = adjustment.system
         refuse_distances(system.block)
+        if len(system.problem.skewed):
+            raise InputError(
+                "a counterpart takes x and y of an image point as equally good and independent: "
+                "adjust the block without sx, sy and rho_xy of tie_points.csv and marks.csv"
+            )
         rows = system.image_rows
         self.held_out = _held_out(rows)
         self.sigma, self.is_tie = rows.sigma, rows.tie

@@ -18,6 +18,7 @@ from corridor.diagnosis.report.wording import (
     upper,
     value_and_sigma,
 )
+from corridor.diagnosis.verification.held_out import check_alone
 
 # Parameters told in the sentence; the table has them all.
 MOST = 4
@@ -41,7 +42,32 @@ def sentence(diagnosis: Diagnosed) -> str:
         "suspected": _suspected,
         "nothing": _nothing,
     }
-    return tell[diagnosis.verdict](diagnosis) + _halves(diagnosis)
+    told = tell[diagnosis.verdict](diagnosis)
+    if diagnosis.verdict in ("named", "ambiguous", "unknown"):
+        told += _still_off(diagnosis)
+    return told + _halves(diagnosis)
+
+
+def _still_off(d: Diagnosed) -> str:
+    """Where check points are off by more than chance although what was found is in the model."""
+    sigmas, error = d.check_sigmas, d.gap["check_m"]
+    if not sigmas or not error or sigmas < OFF:
+        return ""
+    alone = check_alone(d.after, OFF)
+    if alone is not None:
+        return _alone(*alone)
+    return (
+        f" Check points are still off by {amount(error['after'], 'm')}, {sigmas:.1f} times their "
+        "standard deviations: what was found is not all that is missing, or stands for something "
+        "else."
+    )
+
+
+def _alone(point: str, axis: str, size: float, others: float) -> str:
+    return (
+        f" But check point {point} is off by {amount(size, 'm')} in {axis}, alone: the others "
+        f"by {amount(others, 'm')} (3D RMS). Look up its survey and its marks."
+    )
 
 
 def _halves(d: Diagnosed) -> str:
@@ -174,6 +200,9 @@ def _off(d: Diagnosed) -> str:
     sigmas, error = d.check_sigmas, d.gap["check_m"]
     if not sigmas or not error or sigmas < OFF:
         return ""
+    alone = check_alone(d.after, OFF)
+    if alone is not None:
+        return _alone(*alone)
     text = (
         f" But check points are off by {amount(error['after'], 'm')}, {sigmas:.1f} times "
         "their standard deviations"

@@ -316,6 +316,23 @@ def check_sigmas(after: Adjustment) -> float | None:
     return float(np.sqrt(check_misfit(after) / count)) if count else None
 
 
+def check_alone(after: Adjustment, limit: float) -> tuple[str, str, float, float] | None:
+    """The check point that is off alone, in which coordinate and by how much, m, and how far the
+    others are, 3D RMS, m. None where more of them are off by `limit` standard deviations, RMS."""
+    points = after.check_points["point"].reset_index(drop=True)
+    if len(points) < 3:
+        return None
+    off, sigma = _off(after, points)
+    square = ((off / sigma) ** 2).sum(axis=1)
+    worst = int(np.argmax(square))
+    rest = np.arange(len(points)) != worst
+    if np.sqrt(square[rest].mean() / 3.0) > limit:
+        return None
+    axis = int(np.argmax(np.abs(off / sigma)[worst]))
+    others = float(np.sqrt((off[rest] ** 2).sum(axis=1).mean()))
+    return str(points[worst]), ("x", "y", "height")[axis], float(off[worst, axis]), others
+
+
 def gnss_gap(before: Adjustment, after: Adjustment) -> dict[str, float] | None:
     """3D RMS of the antenna residuals, m; None without GNSS."""
     if not len(before.system.gnss.names):

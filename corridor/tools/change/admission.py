@@ -24,8 +24,7 @@ from corridor.core.block import Block
 from corridor.core.effects import find
 from corridor.core.errors import some
 from corridor.core.output import counted, fixed
-from corridor.tools.change.epoch import Epoch, coordinates
-from corridor.tools.change.joint import SAME_M, variances
+from corridor.tools.change.joint import SAME_M
 from corridor.tools.change.points import PointChanges
 from corridor.tools.change.significance import congruency
 
@@ -37,12 +36,11 @@ LEVEL = 1e-3
 SLACK = 1.5
 # An estimated effect of so many standard deviations of what one expects of it is another cause.
 FAR = 5.0
-# Antenna positions of a flight whose redundancy is computed.
-SAMPLE_SIZE = 40
 FLIGHTS, BOTH_FLIGHTS = ("the first flight", "the second flight"), "the adjustment of both flights"
 # Who fails where no flight does by itself.
 WHOLE = "the two dates"
-_AXES = {"plan": slice(0, 2), "height": slice(2, 3)}
+_AXES = {"plan": " horizontally", "height": " in height"}
+_CALLED = {"gnss": "GNSS positions", "control": "control points", "attitude": "attitudes"}
 
 
 @dataclass(frozen=True)
@@ -157,93 +155,40 @@ class Coordinates:
 # --- an epoch against its own model ------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Group:
-    """Observations of a kind and flight in some axes. square: of residuals over stated sigmas;
-    redundancy: its expectation. worst: the name of the largest."""
-
-    kind: str
-    flight: str
-    axes: str
-    square: float
-    redundancy: float
-    worst: str
-
-    @property
-    def sigma0(self) -> float:
-        """Sigma naught of the group."""
-        return float(np.sqrt(self.square / self.redundancy))
-
-
-def groups(adjustment: Adjustment) -> list[Group]:
-    """Sigma naught by kind of observation, flight, and plan or height.
-
-    Against the stated standard deviations. The redundancy is that of the residuals; of antenna
-    positions that of `SAMPLE_SIZE` of a flight stands for all.
-    """
-    return [*_antennas(adjustment), *_control(adjustment)]
-
-
-def _antennas(one: Adjustment) -> Iterator[Group]:
-    gnss, p = one.system.gnss, one.problem
-    if not len(gnss.names):
-        return
-    square = (gnss.residual / gnss.sigma) ** 2
-    for number, flight in enumerate(p.images.flight_names):
-        mine = np.flatnonzero(p.images.flight[gnss.image] == number)
-        if not len(mine):
-            continue
-        few = mine[np.unique(np.linspace(0, len(mine) - 1, SAMPLE_SIZE).astype(int))]
-        at = (3 * few[:, None] + np.arange(3)).ravel()
-        variance = variances(gnss.jacobian[at], one.covariance.solve).reshape(-1, 3)
-        left = np.broadcast_to(1.0 - np.mean(variance / gnss.sigma[few] ** 2, axis=0), square.shape)
-        yield from _by_axes("GNSS positions", flight, gnss.names, square, left, mine)
-
-
-def _control(one: Adjustment) -> Iterator[Group]:
-    control, system = one.system.control, one.system
-    if not len(control.names):
-        return
-    place = {name: k for k, name in enumerate(system.points.names) if system.points.mark[k]}
-    known = np.array([name in place for name in control.names])
-    epoch = Epoch(one)
-    points = np.array([place[n] for n in control.names[known]], dtype=int)
-    spread = epoch.spread(coordinates(epoch, points))
-    variance = variances(spread.through, epoch.solve) + spread.variance(spread.own)
-    share = np.ones(control.sigma.shape)
-    share[known] = variance.reshape(-1, 3) / control.sigma[known] ** 2
-    square = (control.residual / control.sigma) ** 2
-    yield from _by_axes("control", "", control.names, square, 1.0 - share, np.flatnonzero(known))
-
-
-def _by_axes(kind, flight, names, square, left, rows) -> Iterator[Group]:
-    for axes, span in _AXES.items():
-        redundancy = float(np.clip(left[rows][:, span], 0.0, 1.0).sum())
-        if redundancy < 1.0:
-            continue
-        mine = square[rows][:, span].sum(axis=1)
-        worst = str(names[rows[np.argmax(mine)]])
-        yield Group(kind, flight, axes, float(mine.sum()), redundancy, worst)
-
-
 def misfits(adjustment: Adjustment, who: str) -> Iterator[Objection]:
-    """Groups of observations that lie farther off than the comparison bears."""
-    found = groups(adjustment)
+    """Groups of observations that lie farther off than the comparison bears.
+
+    By sigma naught of each kind of observation, flight, and plan or height, against the standard
+    deviations that count; see `Adjustment.variance_components`.
+    """
+    table = adjustment.variance_components
+    table = table[table["kind"].isin(_CALLED) & (table["redundancy"] >= 1.0)]
     # Beside image points that scatter more than stated, all that is stated counts as more.
     scale = max(adjustment.sigma0, 1.0)
-    for one in found:
-        limit = chi2.isf(LEVEL / len(found), one.redundancy)
-        if one.square <= (SLACK * scale) ** 2 * limit:
+    for one in table.itertuples(index=False):
+        limit = chi2.isf(LEVEL / len(table), one.redundancy)
+        if one.sigma0**2 * one.redundancy <= (SLACK * scale) ** 2 * limit:
             continue
+        called = _CALLED[one.kind]
         where = f" of flight {one.flight}" if one.flight else ""
-        how = "horizontally" if one.axes == "plan" else "in height"
         yield Objection(
             who,
-            f"its {one.kind}{where} lie {fixed(one.sigma0, 1)} times as far off as stated {how} "
-            f"(most at {one.worst})",
-            f"Look at {one.kind} of {who}: float or wrong fixes, wrong coordinates or names, "
+            f"the residuals of its {called}{where} are {fixed(one.sigma0, 1)} times as large as "
+            f"stated{_AXES.get(one.part, '')} (most at {_worst(adjustment, one)})",
+            f"Look at {called} of {who}: float or wrong fixes, wrong coordinates or names, "
             "standard deviations that are stated too small.",
         )
+
+
+def _worst(adjustment: Adjustment, group) -> str:
+    """The name of the largest residual of a row of the variance components."""
+    table = getattr(adjustment.reliability, group.kind)
+    mine = table["axis"].isin(["z"] if group.part in ("height", "yaw") else ["x", "y"])
+    key = table.columns[0]
+    if group.flight:
+        images = adjustment.block.images
+        mine &= table[key].isin(images.loc[images["flight"].astype(str) == group.flight, "image"])
+    return str(table.loc[table.loc[mine, "w"].abs().idxmax(), key])
 
 
 def strange_effects(adjustment: Adjustment, slugs: Iterable[str], who: str) -> Iterator[Objection]:

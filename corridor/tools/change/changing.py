@@ -44,9 +44,11 @@ from corridor.tools.change.explanation import (
     gathered,
 )
 from corridor.tools.change.joint import Joint
+from corridor.tools.change.layers import Layers, layers
 from corridor.tools.change.points import point_changes
 from corridor.tools.change.registration import brought
 from corridor.tools.change.result import Change, Compared
+from corridor.tools.change.sentence import told_torn
 from corridor.tools.change.signature import Signatures
 from corridor.tools.change.surface import PatchChange, SurfaceChange, surface_change, volume
 from corridor.tools.change.together import joined
@@ -115,6 +117,7 @@ def change(
     objections += _objections(remaining or compared, run.model)
     if not compared.joint.common_control and asked.bias is None and asked.datum == "stated":
         notes.append(_NO_COMMON_CONTROL)
+    notes += told_torn((remaining or compared).torn)
     names = tuple(block.name for block in blocks)
     return Change(
         names, run.asked, compared, remaining, explanation, gained, tuple(notes), tuple(objections)
@@ -289,12 +292,28 @@ class _Run:
             self.say("what the camera could do to the ground")
             signatures = tuple(Signatures(epoch) for epoch in compared.joint.epochs)
         evidence = gathered(compared.joint, points, surface, signatures)
-        found = tuple(
-            PatchChange.of(surface, evidence.cores_of(one), one.probability)
-            for one in evidence.patches(0.5 * level)
-        )
-        points = evidence.judged(points, level)
-        return replace(compared, points=points, patches=found), evidence
+        patches, torn = [], []
+        for one in evidence.patches(0.5 * level):
+            patch = PatchChange.of(surface, evidence.cores_of(one), one.probability)
+            twofold = _twofold(compared.joint, surface, patch.rows, self.asked.surfaces["degree"])
+            (torn if twofold else patches).append((patch, *twofold) if twofold else patch)
+        return replace(
+            compared,
+            points=evidence.judged(points, level),
+            patches=tuple(patches),
+            torn=tuple(torn),
+        ), evidence
+
+
+def _twofold(
+    joint: Joint, surface: SurfaceChange, rows: np.ndarray, degree: int
+) -> tuple[str, Layers] | None:
+    """The date whose strips show two surfaces at some core points, and these."""
+    for cloud, date in zip((joint.before, joint.after), _DATES, strict=True):
+        found = layers(cloud, surface.cores.only(rows), degree)
+        if found is not None:
+            return date, found
+    return None
 
 
 def _stable_names(compared: Compared, stable: Iterable[str] | None) -> list[str]:

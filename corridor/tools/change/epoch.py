@@ -6,7 +6,7 @@ dates, of the first before those of the second; points enter with their sign.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -69,11 +69,8 @@ class Epoch:
         gains, number = self.gains(points)
         return self.turn @ gains.own[number] @ self.turn.T
 
-    def spread(self, rows: csr_array, roughness: np.ndarray | None = None) -> Spread:
-        """How the errors of linear functions (r, 3 n) of the points come about.
-
-        roughness (n, 3, 3): see `Cloud`.
-        """
+    def spread(self, rows: csr_array) -> Spread:
+        """How the errors of linear functions (r, 3 n) of the points come about."""
         rows = csr_array(rows)
         if self.laid is not None:
             rows = csr_array(rows @ kron(eye_array(len(self.names)), csr_array(self.turn)))
@@ -84,18 +81,13 @@ class Epoch:
         part = csr_array(rows[:, (3 * used[:, None] + axis).ravel()])
         through = csr_array(-(part @ gains.gain[:, columns].T))
         through.sum_duplicates()
-        rough = np.zeros((len(used), 3, 3))
-        if roughness is not None:
-            back = np.linalg.inv(self.turn)
-            rough = back @ roughness[used] @ back.T
-        return Spread(self, part, gains.own[number], used, through, rough)
+        return Spread(self, part, gains.own[number], used, through)
 
 
 @dataclass(frozen=True, eq=False)
 class Spread:
     """Linear functions of some points of an epoch: rows (r, 3k); own (k, 3, 3), m^2, unit weight;
-    points (k,); through (r, n): S, what they take over from the unknowns; rough (k, 3, 3), m^2:
-    roughness of the points.
+    points (k,); through (r, n): S, what they take over from the unknowns.
     """
 
     epoch: Epoch
@@ -103,7 +95,6 @@ class Spread:
     own: np.ndarray
     points: np.ndarray
     through: csr_array
-    rough: np.ndarray
 
     def weighted(self, own: np.ndarray) -> csr_array:
         """F V^-1 (r, 3k) with V^-1 = own (k, 3, 3)."""
@@ -125,15 +116,13 @@ class Cloud:
 
     surface (k,): positions in the epoch of the tie points that stand for the ground. named: name
     -> position of the points that both dates may show. date: what the epoch's names begin with
-    where it holds both dates. roughness (n, 3, 3), m^2, of all points of the epoch: how far the
-    ground itself leaves what its points stand for (see `corridor.tools.change.m3c2`).
+    where it holds both dates.
     """
 
     epoch: Epoch
     surface: np.ndarray
     named: dict[str, int]
     date: str = ""
-    roughness: np.ndarray | None = field(default=None, repr=False)
 
     @classmethod
     def of(cls, epoch: Epoch, rays: int, date: str = "") -> Cloud:

@@ -120,11 +120,13 @@ def gathered(
         cells, near = _cells(surface)
         means = cells @ surface.distance, cells @ surface.cores.xyz[:, :2]
         parts.append((surface.sums(cells), *means, True))
-        joint = surface.joint
     functions = vstack([part[0] for part in parts], format="csr")
     value, places = (np.concatenate([part[n] for part in parts]) for n in (1, 2))
     of_surface = np.repeat([part[3] for part in parts], [len(part[1]) for part in parts])
-    covariance = joint.covariance(functions, rough=True)
+    covariance = joint.covariance(functions)
+    if surface is not None:
+        uneven = cells @ surface.rough
+        covariance[np.ix_(of_surface, of_surface)] += (uneven @ uneven.T).toarray()
     effect = tuple(s.on(p) for s, p in zip(signatures, joint.parts(functions), strict=False))
     freedom, redundancy = np.full(len(value), np.inf), np.inf
     laying = None if surface is None else surface.laying
@@ -134,7 +136,8 @@ def gathered(
         redundancy = laying.freedom
     if surface is not None:
         # Only what comes from rough ground is uncertain, and no surer than at one core point.
-        rough = joint.roughness(functions)
+        rough = np.zeros(len(value))
+        rough[of_surface] = surface.sampling_of_sums(cells)
         some = of_surface & (rough > 0)
         least = max(float(np.median(surface.count.min(axis=1))) - 1.0, 1.0)
         freedom[some] = least * (np.diag(covariance)[some] / rough[some]) ** 2

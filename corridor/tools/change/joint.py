@@ -70,12 +70,6 @@ class Joint:
         """The errors that both dates share, and those of the GNSS as a whole."""
         return common_errors(self.epochs, self.kinds, self.gnss_bias)
 
-    def with_clouds(self, before: Cloud, after: Cloud) -> Joint:
-        """The same errors for other points of the same epochs."""
-        out = Joint(before, after, self.kinds, self.gnss_bias)
-        out.__dict__["errors"] = self.errors
-        return out
-
     def sides(self, functions: csr_array) -> tuple[csr_array, csr_array]:
         """The functions (r, 3 (n + m)) as those of the points of each date."""
         size = 3 * len(self.before.epoch.names)
@@ -83,11 +77,10 @@ class Joint:
 
     def parts(self, functions: csr_array) -> list[Spread]:
         """The functions by adjustment, in the order of time."""
-        rows, clouds = self.sides(functions), (self.before, self.after)
+        rows = self.sides(functions)
         if not self.together:
-            return [c.epoch.spread(r, c.roughness) for c, r in zip(clouds, rows, strict=True)]
-        rough = [cloud.roughness for cloud in clouds if cloud.roughness is not None]
-        return [self.before.epoch.spread(rows[0] + rows[1], sum(rough) if rough else None)]
+            return [c.epoch.spread(r) for c, r in zip((self.before, self.after), rows, strict=True)]
+        return [self.before.epoch.spread(rows[0] + rows[1])]
 
     def variance(self, functions: csr_array) -> np.ndarray:
         """Variances (r,), squared metres, of functions of the points: of what was measured."""
@@ -102,16 +95,10 @@ class Joint:
         """Variances (r,) of functions at given poses: what points do not share."""
         return sum(p.epoch.sigma0**2 * p.variance(p.own) for p in self.parts(functions))
 
-    def roughness(self, functions: csr_array) -> np.ndarray:
-        """Variances (r,) of functions that come from rough ground between its points."""
-        return sum(part.variance(part.rough) for part in self.parts(functions))
-
-    def covariance(
-        self, functions: csr_array, others: csr_array | None = None, rough: bool = False
-    ) -> np.ndarray:
+    def covariance(self, functions: csr_array, others: csr_array | None = None) -> np.ndarray:
         """Covariances (r, s) of functions with some others, hundreds and not all of a map.
 
-        others: default: themselves. rough: with what comes from rough ground.
+        others: default: themselves.
         """
         count, alone = functions.shape[0], others is None
         parts = self.parts(functions if alone else vstack([functions, others], format="csr"))
@@ -121,8 +108,7 @@ class Joint:
             scale = part.epoch.sigma0**2
             solved = part.epoch.solve(part.through[few].toarray().T)
             out = out + scale * (part.through[:count] @ solved)
-            own = scale * part.own + (part.rough if rough else 0.0)
-            out = out + (part.weighted(own)[:count] @ part.rows[few].T).toarray()
+            out = out + scale * (part.weighted(part.own)[:count] @ part.rows[few].T).toarray()
         for common, responses in zip(self.errors, self._responses(parts), strict=True):
             out = out + common.covariance(responses)[:count, few]
         return 0.5 * (out + out.T) if alone else out
@@ -218,7 +204,8 @@ def common_errors(
 def common_control(epochs: list[Epoch]) -> list[str]:
     """Names of control points that both epochs were given with the same coordinates."""
     first, second = (
-        dict(zip(e.system.control.names, e.system.control.given, strict=True)) for e in epochs
+        dict(zip(c.names, c.along_axes(c.given), strict=True))
+        for c in (e.system.control for e in epochs)
     )
     return [n for n in first if n in second and np.abs(first[n] - second[n]).max() < SAME_M]
 
@@ -235,13 +222,15 @@ def _control(epochs: list[Epoch]) -> list[Common]:
         points = np.array([point[name] for name in names])
         gains, number = epoch.gains(points)
         weight = control.sigma[rows] ** -2.0
-        own = block_diag(list(gains.own[number] * weight[:, None, :]))
+        across = control.turn[rows].transpose(0, 2, 1)
+        own = block_diag(list(gains.own[number] @ across * weight[:, None, :]))
         direct = csr_array(coordinates(epoch, points).T @ own)
         columns = (3 * number[:, None] + np.arange(3)).ravel()
         # An effect of the ground moves what was given, whatever the point.
         own = 3 * np.array(rows)[:, None] + np.arange(3)
         given = control.jacobian[own.ravel()].T.toarray()
-        right = (given - gains.gain[:, columns].toarray()) * weight.ravel()
+        seen = (gains.gain[:, columns] @ block_diag(list(across))).toarray()
+        right = (given - seen) * weight.ravel()
         sides.append(Side.of(epoch, right, direct))
         sigma.append(epoch.sigma0 * control.sigma[rows].ravel())
     return [Common(tuple(sides), np.diag(sigma[0] * sigma[1]))]
@@ -280,7 +269,7 @@ def _known(columns) -> dict[str, tuple[int, float, float]]:
 def _antennas(epoch: Epoch) -> Side:
     """A metre of constant error on every antenna position, by axis."""
     gnss = epoch.system.gnss
-    moved = np.tile(np.eye(3), (len(gnss.names), 1)) / gnss.sigma.reshape(-1, 1) ** 2
+    moved = gnss.turn.reshape(-1, 3) / gnss.sigma.reshape(-1, 1) ** 2
     return Side.of(epoch, np.asarray(gnss.jacobian.T @ moved))
 
 

@@ -120,22 +120,19 @@ def _weights(start, height, across, normal, degree: int):
     """Weights of the members in the height at each core point, and what the fit leaves."""
     count = np.diff(start)
     weight, left = np.empty(len(height)), np.empty(len(height))
-    for r in range(len(count)):
-        some = slice(start[r], start[r + 1])
-        if degree == 0 or count[r] <= _TERMS[degree]:
-            weight[some] = 1.0 / max(count[r], 1)
-            left[some] = height[some] - weight[some] @ height[some]
-            continue
-        first = np.cross(normal[r], [1.0, 0.0, 0.0])
-        first /= np.linalg.norm(first)
-        u, v = across[some] @ first, across[some] @ np.cross(normal[r], first)
-        terms = [np.ones(count[r]), u, v]
-        if degree == 2:
-            terms += [u * u, u * v, v * v]
-        matrix = np.column_stack(terms)
+    first = np.cross(normal, [1.0, 0.0, 0.0])
+    first /= np.linalg.norm(first, axis=1)[:, None]
+    core = np.repeat(np.arange(len(count)), count)
+    u = np.einsum("nk,nk->n", across, first[core])
+    v = np.einsum("nk,nk->n", across, np.cross(normal, first)[core])
+    terms = np.column_stack([np.ones(len(u)), u, v, u * u, u * v, v * v][: _TERMS[degree]])
+    # Cylinders of as many points are fitted together.
+    for n in np.unique(count[count > 0]):
+        at = start[:-1][count == n][:, None] + np.arange(n)
+        matrix = terms[at] if n > _TERMS[degree] else np.ones((len(at), n, 1))
         inverse = np.linalg.pinv(matrix)
-        weight[some] = inverse[0]
-        left[some] = height[some] - matrix @ (inverse @ height[some])
+        weight[at] = inverse[:, 0]
+        left[at] = height[at] - (matrix @ (inverse @ height[at][:, :, None]))[:, :, 0]
     return weight, left
 
 
@@ -179,18 +176,19 @@ def roughness(
     return np.maximum(pooled, 0.0), free
 
 
-def roughened(cloud: Cloud, found: Members, rough: np.ndarray) -> tuple[Cloud, np.ndarray]:
-    """The cloud with a variance (n, 3, 3), m^2, of each point along the normal, and the variances
-    (r,) of the heights at core points that follow. rough (r,): of the ground, see `roughness`.
+def sampling(clouds: tuple[Cloud, Cloud], found: list[Members], rough: np.ndarray) -> csr_array:
+    """What the roughness at each point does to the distances: (r, n + m), m, a row a core point.
 
-    A point takes the median roughness of the cylinders it lies in.
+    rough (r,): see `roughness`. Where a surface is bent, what one cylinder has too much of a point
+    the next one has too little of: in sums of distances it cancels, and the variance of sums is the
+    square of the sums of these. Source: White 1980 (a covariance by the residuals themselves).
     """
-    order = np.lexsort((rough[found.core], found.point))
-    point, value = found.point[order], rough[found.core][order]
-    some, start, count = np.unique(point, return_index=True, return_counts=True)
-    middle = start + (count - 1) // 2
-    normal = found.normal[order][middle]
-    of_points = np.zeros((len(cloud.epoch.xyz), 3, 3))
-    of_points[some] = value[middle][:, None, None] * np.einsum("ni,nj->nij", normal, normal)
-    sampling = rough * np.bincount(found.core, found.weight**2, minlength=len(rough))
-    return replace(cloud, roughness=of_points), sampling
+    sides = []
+    for cloud, one in zip(clouds, found, strict=True):
+        value = one.weight * one.left
+        # In each cylinder as large as the roughness that its neighbours tell too.
+        seen, stated = (np.bincount(one.core, v**2, len(rough)) for v in (value, one.weight))
+        scale = np.sqrt(rough * stated / np.maximum(seen, 1e-18))
+        entries = (value * scale[one.core], (one.core, one.point))
+        sides.append(csr_array(entries, shape=(len(rough), len(cloud.epoch.xyz))))
+    return hstack(sides, format="csr")

@@ -12,6 +12,7 @@ from corridor.tools.change.admission import Objection
 from corridor.tools.change.comparison import Comparison
 from corridor.tools.change.explanation import Explanation
 from corridor.tools.change.joint import Joint
+from corridor.tools.change.layers import Layers
 from corridor.tools.change.points import PointChanges
 from corridor.tools.change.report import of_change
 from corridor.tools.change.surface import PatchChange, SurfaceChange, Volume
@@ -22,7 +23,11 @@ LEAST_POINTS, FAR_APART = 3, 3.0
 
 @dataclass(frozen=True, eq=False)
 class Compared:
-    """Points, surface and volumes of one pair of adjustments."""
+    """Points, surface and volumes of one pair of adjustments.
+
+    patches: of the surface that moved. torn: those where the strips of one date (its name) show two
+    surfaces, which are no ground.
+    """
 
     adjustments: tuple[Adjustment, Adjustment]
     joint: Joint = field(repr=False)
@@ -30,6 +35,7 @@ class Compared:
     surface: SurfaceChange | None
     volumes: dict[str, Volume]
     patches: tuple[PatchChange, ...] = ()
+    torn: tuple[tuple[PatchChange, str, Layers], ...] = ()
 
     @property
     def moved(self) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pandas as pd
 
@@ -112,6 +114,19 @@ def _cover(found) -> str:
         f"points in it stand still ({millimetres(found.still, found.sigma)}): vegetation, snow or "
         "material that was added or removed."
     )
+
+
+def told_torn(torn) -> Iterator[str]:
+    """Patches that are no ground: patch, date and `Layers` of each."""
+    for patch, date, found in torn:
+        way = "above" if found.above > 0 else "below"
+        yield (
+            f"A patch of {patch.area:.0f} m\u00b2 around station {patch.station:.0f} m, "
+            f"{_aside(patch.across)}, does not count: at {date} images {found.strip} show a "
+            f"surface {abs(found.above):.2f} m {way} that of the others there. Tie "
+            "points on water, traffic or leaves move while they are photographed: mask them, and "
+            "match again."
+        )
 
 
 def lower(surface) -> str:

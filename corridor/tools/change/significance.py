@@ -6,6 +6,7 @@ discovery rate); Nichols and Hayasaka 2003 (clusters, the largest of each null m
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -131,31 +132,37 @@ def patches(z: np.ndarray, correlation: np.ndarray, near: np.ndarray, level: flo
     z (k,): cells in their standard deviations, normal; correlation (k, k); near (k, k): whether
     cells are neighbours. Maps of nothing with the same correlation say what comes by chance.
     """
-    found = _clusters(z, correlation, near)
+    found = [(cells, size) for _, cells, size in _clusters(z[None], correlation, near)]
     if not found:
         return []
     value, vector = np.linalg.eigh(correlation)
     root = vector * np.sqrt(np.maximum(value, 0.0))
     draws = np.random.default_rng(0).normal(size=(MAPS, len(z))) @ root.T
-    largest = [max((abs(s) for _, s in _clusters(m, correlation, near)), default=0) for m in draws]
+    largest = np.zeros(MAPS)
+    for n, _, size in _clusters(draws, correlation, near):
+        largest[n] = max(largest[n], abs(size))
     out = []
     for cells, size in found:
-        more = float(np.mean(np.array(largest) >= abs(size)))
+        more = float(np.mean(largest >= abs(size)))
         if more < level:
             out.append(Patch(cells, size, max(more, 1.0 / MAPS)))
     return sorted(out, key=lambda one: -abs(one.z))
 
 
-def _clusters(z, correlation, near) -> list[tuple[np.ndarray, float]]:
-    """Neighbours beyond `RAISED` of one sign, and the z of their sum."""
-    out = []
-    for sign in (1.0, -1.0):
-        some = np.flatnonzero(sign * z > RAISED)
-        if not len(some):
-            continue
-        _, label = connected_components(csr_array(near[np.ix_(some, some)]), directed=False)
-        for n in range(label.max() + 1):
-            cells = some[label == n]
+def _clusters(maps, correlation, near) -> Iterator[tuple[int, np.ndarray, float]]:
+    """Of maps (m, k) their number, neighbours beyond `RAISED` of one sign, and the z of their
+    sum."""
+    sign = np.where(np.abs(maps) > RAISED, np.sign(maps), 0.0)
+    i, j = np.nonzero(np.triu(near, 1))
+    some, edge = np.nonzero((sign[:, i] == sign[:, j]) & (sign[:, i] != 0.0))
+    ends = some * maps.shape[1]
+    touching = (np.ones(len(edge), dtype=bool), (ends + i[edge], ends + j[edge]))
+    graph = csr_array(touching, shape=(maps.size, maps.size))
+    label = connected_components(graph, directed=False)[1].reshape(maps.shape)
+    for n in range(len(maps)):
+        raised = np.flatnonzero(sign[n])
+        of = label[n, raised]
+        for one in np.unique(of):
+            cells = raised[of == one]
             sigma = np.sqrt(max(correlation[np.ix_(cells, cells)].sum(), 1e-12))
-            out.append((cells, float(z[cells].sum() / sigma)))
-    return out
+            yield n, cells, float(maps[n, cells].sum() / sigma)

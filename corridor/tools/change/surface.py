@@ -29,8 +29,8 @@ from corridor.tools.change.m3c2 import (
     Members,
     distance_functions,
     members,
-    roughened,
     roughness,
+    sampling,
 )
 from corridor.tools.change.registration import Laying, lay
 from corridor.tools.change.significance import discoveries, two_sided
@@ -51,7 +51,8 @@ class SurfaceChange:
     were nothing changed. moved (k,): significant at the false discovery rate asked for.
     freedom (k,): degrees of freedom of the standard deviation: a handful of points does not tell
     how rough the ground is, and Student's distribution takes the normal one's place.
-    functions: the distances as functions of the points of `joint`.
+    functions: the distances as functions of the points of `joint`; rough: what rough ground does to
+    them, point by point, see `corridor.tools.change.m3c2.sampling`.
     """
 
     cores: Cores
@@ -63,6 +64,7 @@ class SurfaceChange:
     freedom: np.ndarray
     level: float
     functions: csr_array = field(repr=False)
+    rough: csr_array = field(repr=False)
     joint: Joint = field(repr=False)
     laying: Laying | None = field(default=None, repr=False)
 
@@ -79,7 +81,11 @@ class SurfaceChange:
         """Standard deviations (s,), m, of such sums: of measurements and sampling."""
         sums = self.sums(matrix)
         scale = 1.0 if self.laying is None else self.laying.scale
-        return scale * np.sqrt(self.joint.variance(sums) + self.joint.roughness(sums))
+        return scale * np.sqrt(self.joint.variance(sums) + self.sampling_of_sums(matrix))
+
+    def sampling_of_sums(self, matrix) -> np.ndarray:
+        """Variances (s,), m^2, of such sums by the sampling of rough ground."""
+        return _squares(csr_array(matrix) @ self.rough)
 
     @property
     def total(self) -> np.ndarray:
@@ -151,39 +157,44 @@ def surface_change(
         )
     cores = cores.only(kept)
     found = _both(clouds, cores, degree, sampled)
-    sampling, free = np.zeros(len(cores)), np.full(len(cores), np.inf)
+    rough, free = csr_array((len(cores), 0)), np.full(len(cores), np.inf)
     if sampled:
-        rough, free = roughness(clouds, found, cores)
-        sides = [roughened(c, f, rough) for c, f in zip(clouds, found, strict=True)]
-        sampling = sum(variance for _, variance in sides)
-        joint = joint.with_clouds(*(cloud for cloud, _ in sides))
+        squares, free = roughness(clouds, found, cores)
+        rough = sampling(clouds, found, squares)
+    between = _squares(rough)
     functions = distance_functions(clouds, found, cores)
     distance, variance = found[1].mean - found[0].mean, joint.variance(functions)
     own = laying is None and datum == "stable"
     if own:
-        alone = np.sqrt(joint.own_variance(functions) + sampling)
+        alone = np.sqrt(joint.own_variance(functions) + between)
         laying = lay(distance, alone, functions, joint.after, kind)
     elif laying is not None:
         laying = laying.elsewhere(functions, joint.after)
     if laying is not None:
         variance = np.maximum(laying.variance(joint, functions, variance), 0.0)
-        distance, known = laying.apply(distance), variance + sampling
+        distance, known = laying.apply(distance), variance + between
         if own:
-            laying = laying.scaled(joint, functions, distance / np.sqrt(known), sampling)
+            laying = laying.scaled(joint, functions, distance / np.sqrt(known), between)
         variance = variance + (laying.scale**2 - 1.0) * known
     return SurfaceChange(
         cores=cores,
         distance=distance,
         sigma=np.sqrt(variance),
-        sampling=np.sqrt(sampling),
+        sampling=np.sqrt(between),
         count=np.column_stack([f.count for f in found]),
         roughness=np.column_stack([f.spread for f in found]),
-        freedom=_freedom(variance, sampling, free, np.inf if laying is None else laying.freedom),
+        freedom=_freedom(variance, between, free, np.inf if laying is None else laying.freedom),
         level=level,
         functions=functions,
+        rough=rough,
         joint=joint,
         laying=laying,
     )
+
+
+def _squares(rows: csr_array) -> np.ndarray:
+    """Sums of the squares (k,) of the rows."""
+    return np.asarray(rows.multiply(rows).sum(axis=1)).ravel()
 
 
 def _freedom(
@@ -306,12 +317,11 @@ def summed(found: SurfaceChange, share: float, area: float) -> Volume:
     cell = share * area / len(found)
     row = csr_array(np.full((1, len(found)), cell))
     total = found.sums(row)
-    sampling = found.joint.roughness(total)[0]
     scale = 1.0 if found.laying is None else found.laying.scale
     return Volume(
         value=float(cell * found.distance.sum()),
         sigma=scale * float(np.sqrt(found.joint.variance(total)[0])),
-        sampling=scale * float(np.sqrt(sampling)),
+        sampling=scale * float(np.sqrt(found.sampling_of_sums(row)[0])),
         area=share * area,
         share=share,
         independent=float(cell * np.sqrt(np.sum(found.sigma**2))),

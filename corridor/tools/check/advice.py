@@ -104,9 +104,10 @@ class ProgramSettings:
         if self.without:
             out.append(f"Take out control {', '.join(self.without)}, or survey it again.")
         if self.effects:
+            effects = ", ".join(dict.fromkeys(self.effects))
             out.append(
-                f"Model {', '.join(self.effects)}, or use the measurements in take_back, from "
-                "which it is taken out."
+                f"Model {effects}, or use the measurements in take_back, from which these are "
+                "taken out."
             )
         return out
 

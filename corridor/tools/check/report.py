@@ -42,7 +42,8 @@ def _report(checked: Checked) -> Report:
     return Report(
         title=f"Check of {checked.project}",
         opening=checked.sentence,
-        warnings=checked.wrong,
+        # What the answer says already is not said twice.
+        warnings=[told for told in checked.wrong if told not in checked.sentence],
         tables=tables,
         actions=checked.actions,
     )

@@ -279,7 +279,7 @@ class Network:
 
 def without_control(plan: Plan, seed: int) -> Block:
     """The perfect block of a plan, without the ground points that the plan states."""
-    none = {"control": 0, "check": 0, "every_m": None, "check_from_ties": 0}
+    none = {"control": 0, "check": 0, "every_m": None, "check_from_ties": 0, "bars": 0}
     return perfect_block(replace(plan, ground=replace(plan.ground, **none)), seed)
 
 

@@ -5,6 +5,8 @@ import pytest
 from strips import corridor_block
 
 import corridor
+from corridor.core.adjustment.group_variances import _Contrasts, _likeliest
+from corridor.core.gnss import SlowNoise
 
 TRUE = np.array([0.02, 0.02, 0.04])
 
@@ -151,3 +153,48 @@ class TestSurveyedTogether:
         away = ((block.ground[["x", "y"]].to_numpy() - middle) ** 2).sum(axis=1)
         rise = (moved.ground["z"] - block.ground["z"]).to_numpy()
         assert np.allclose(rise[check], (away / 2 / 6.371e6)[check], atol=1e-9)
+
+
+class TestErrorsThatLast:
+    """RTK that drifts by centimetres for a minute, in a flight of ten."""
+
+    def drifting(self, size, seed):
+        block = flown(seed, images=60, strips=3, control=4, lever_arm=(0.0, 0.0, 0.0))
+        block.lever_arm, block.lever_arm_fixed = {"default": (0.0, 0.0, 0.0)}, True
+        time = 10.0 * np.arange(len(block.images))
+        block.images["time_s"] = time
+        drift = SlowNoise(60.0).draw(time, np.random.default_rng(seed), axes=3)
+        block.gnss[["x", "y", "z"]] += size * drift
+        return block
+
+    def test_they_are_found_and_told(self):
+        found = corridor.adjust(self.drifting(0.06, 1))
+        told = next(s for s in found.warnings if "errors of one position and the next" in s)
+        assert "RTK" in told
+        # Sixty seconds of ten each: some twelve positions know as much as one.
+        white, slow, alike = 0.02, 0.06, 12.0
+        right = np.sqrt(white**2 + slow**2 * alike) / white
+        factor = found.problem.block.gnss_sigma()[0, 0] / TRUE[0]
+        assert 0.5 * right < factor < 2.0 * right
+
+    def test_independent_ones_are_weighted_as_stated(self):
+        """Chance takes one block of a thousand for slow."""
+        for seed in range(4):
+            found = corridor.adjust(self.drifting(0.0, seed))
+            assert (found.problem.block.gnss_sigma() == TRUE).all()
+
+    def test_the_likelihood_finds_the_size_and_how_long(self):
+        """Residuals that are the errors themselves: nothing else is estimated beside them."""
+        draw, time = np.random.default_rng(5), 4.0 * np.arange(100)
+        parts = [
+            _Contrasts(
+                time,
+                np.eye(100),
+                draw.normal(0, 1.0, 100) + 2.0 * SlowNoise(60.0).draw(time, draw)[:, 0],
+            )
+            for _ in range(6)
+        ]
+        ratio, constant, white = _likeliest(parts)
+        assert 1.8 < ratio < 9.0 and 30.0 <= constant <= 120.0 and white == pytest.approx(1, 0.15)
+        still = [one._replace(u=draw.normal(0, 1.0, 100)) for one in parts]
+        assert _likeliest(still) is None

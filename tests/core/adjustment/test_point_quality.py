@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import block_diag
 from strips import corridor_block
 from test_distances import flown
 
 import corridor
 from corridor.core.adjustment import point_gains
+from corridor.core.adjustment.linear_system import motions
 from corridor.core.errors import InputError
 from corridor.core.geometry import helmert_motions
 
@@ -60,6 +62,59 @@ def test_precision_without_the_datum_is_that_of_the_whole_covariance_transformed
     s = np.eye(len(c)) - g @ np.linalg.pinv(g)
     expected = adjusted.sigma0 * np.sqrt(np.diag(s @ c @ s.T)).reshape(-1, 3)
     assert table[["sx", "sy", "sz"]].to_numpy() == pytest.approx(expected, rel=1e-6, abs=1e-9)
+
+
+def everything(adjusted):
+    """Covariance of poses, what images share and points, and G of all of it, dense."""
+    p, state = adjusted.problem, adjusted.state
+    n, count = p.image_count * p.d + p.shared_count, len(state.points)
+    gains = point_gains(adjusted.system, np.arange(count))
+    c = adjusted.covariance.solve(np.eye(n))
+    k = gains.gain.toarray()
+    own = block_diag(*gains.own)
+    whole = np.block([[c, -c @ k], [-(k.T @ c), k.T @ c @ k + own]])
+    middle = state.points.mean(axis=0)
+    shared = np.zeros((p.shared_count, 7))
+    moved = [motions(state, p.d, middle), shared, helmert_motions(state.points, middle)]
+    return whole, np.concatenate([part.reshape(-1, 7) for part in moved])
+
+
+@pytest.mark.parametrize("scale", [True, False])
+@pytest.mark.parametrize("on", ["points", "a base"])
+def test_poses_and_points_in_a_datum_are_those_of_the_whole_covariance(adjusted, on, scale):
+    """S C S' of everything at once; the first photograph and its base have no error left."""
+    p, state = adjusted.problem, adjusted.state
+    c, g = everything(adjusted)
+    g = g[:, : 7 if scale else 6]
+    d, n = p.d, p.image_count * p.d + p.shared_count
+    b = np.zeros(g.shape)
+    names = list(map(str, p.images.names))
+    if on == "points":
+        b[n:] = g[n:]
+        asked = None
+    else:
+        asked = (names[2], names[7])
+        b[2 * d + np.arange(6), np.arange(6)] = 1.0
+        if scale:
+            base = state.centre[7] - state.centre[2]
+            b[7 * d + np.arange(3), 6], b[2 * d + np.arange(3), 6] = base, -base
+    s = np.eye(len(c)) - g @ np.linalg.inv(b.T @ g) @ b.T
+    size = np.sqrt(np.diag(c))
+    c = s @ c @ s.T
+    found = adjusted.in_datum(asked, scale)
+    poses = c[: p.image_count * d, : p.image_count * d].reshape(p.image_count, d, -1, d)
+    for k in range(p.image_count):
+        own = size[k * d : k * d + d]
+        away = found.poses[k] - poses[k, :, k]
+        assert np.abs(away / own[:, None] / own).max() < 1e-5
+        with_shared = c[k * d : k * d + d, p.image_count * d : n]
+        away = found.poses_shared[k] - with_shared
+        assert np.abs(away / own[:, None] / size[p.image_count * d : n]).max() < 1e-5
+    left = np.sqrt(np.diag(c)[n:])
+    assert np.sqrt(found.point_variances).ravel() == pytest.approx(left, rel=1e-5, abs=1e-8)
+    table = adjusted.relative_poses(asked, scale).set_index("image")
+    if on == "a base":
+        assert table.loc[names[2], ["sx", "sy", "sz", "s_rx", "s_ry", "s_rz"]].max() < 1e-7
 
 
 def test_the_datum_of_a_free_network_does_not_depend_on_where_it_was_laid():

@@ -316,7 +316,10 @@ class TestFiles:
             (lambda rig, b: rig["member"].update(nadir={}), "nadir, which rig HEAD has"),
             (lambda rig, b: rig["member"]["left"].pop("xyz"), "given in part"),
             (lambda rig, b: rig["member"]["left"].update(xyz=[1, 2]), "xyz = .* is not 3 numbers"),
-            (lambda rig, b: rig["member"]["left"].update(quaternion=[1, 1, 0, 0]), "length .* is not 1"),
+            (
+                lambda rig, b: rig["member"]["left"].update(quaternion=[1, 1, 0, 0]),
+                "length .* is not 1",
+            ),
             (lambda rig, b: rig["member"]["left"].update(sigma_m=-1.0), "0 or larger"),
             (lambda rig, b: rig["member"]["left"].update(x=1.0), "has no x: use xyz"),
             (

@@ -255,3 +255,21 @@ def test_the_example_of_the_readme_is_one():
         assert 0.9 < np.abs(moved).max() <= 1.01
     finally:
         forget("ripple")
+
+
+class Runaway(Ripple):
+    """A shape that leaves all numbers behind, to both sides."""
+
+    slug = "runaway"
+
+    def derivative(self, context):
+        """Infinite: to the right in one half of the rows, to the left in the other."""
+        out = np.full((len(context), 2, 1), np.inf)
+        out[::2] = -np.inf
+        return out
+
+
+def test_a_shape_that_is_infinite_ends_in_a_sentence_that_names_an_image():
+    block = corridor_block(images=8, strips=1, control=4, check=0)
+    with pytest.raises(corridor.AdjustmentFailed, match="not a number at image .*far outside"):
+        corridor.adjust(block, effects=[Runaway()])

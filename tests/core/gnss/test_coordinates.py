@@ -98,12 +98,15 @@ def test_covariances_and_velocities_of_a_geocentric_track_are_turned():
     given = track(
         geocentric(*point.T), "EPSG:4978",
         **dict(zip(["sx", "sy", "sz"], deviation, strict=True)),
-        cxy=full[0, 1], cyz=full[1, 2], czx=full[2, 0],
+        rho_xy=full[0, 1] / deviation[0] / deviation[1],
+        rho_yz=full[1, 2] / deviation[1] / deviation[2],
+        rho_xz=full[2, 0] / deviation[2] / deviation[0],
         **dict(zip(["vx", "vy", "vz"], velocity, strict=True)),
     )  # fmt: skip
     row = to_local(given, PLACE).table.iloc[0]
     assert row[["sx", "sy", "sz"]].tolist() == pytest.approx([0.01, 0.02, 0.05])
-    assert row[["cxy", "cyz", "czx"]].tolist() == pytest.approx([-5e-5, 0, 0], abs=1e-12)
+    rho = row[["rho_xy", "rho_yz", "rho_xz"]].tolist()
+    assert rho == pytest.approx([-5e-5 / 0.01 / 0.02, 0, 0], abs=1e-9)
     assert row[["vx", "vy", "vz"]].tolist() == pytest.approx([3.0, -4.0, 0.5])
 
 

@@ -37,9 +37,10 @@ class TestEveryForm:
     def test_gives_the_same_covariances_east_north_up(self, name):
         """The file prints 8, 12, 25 mm and signed roots -5 (e n), -7 (n u), 6 mm (u e)."""
         table = to_local(read_track(DATA / name), PLACE).table
-        first = table[["sx", "sy", "sz", "cxy", "cyz", "czx"]].iloc[0].to_numpy()
+        first = table[["sx", "sy", "sz", "rho_xy", "rho_yz", "rho_xz"]].iloc[0].to_numpy()
         assert first[:3] == pytest.approx([0.008, 0.012, 0.025], abs=2e-6)
-        assert first[3:] == pytest.approx([-25e-6, -49e-6, 36e-6], abs=5e-8)
+        covariance = first[3:] * first[[0, 1, 0]] * first[[1, 2, 2]]
+        assert covariance == pytest.approx([-25e-6, -49e-6, 36e-6], abs=5e-8)
 
 
 def test_ref_pos_that_runs_together_is_read_by_its_decimals(tmp_path):

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+import corridor
 from corridor.core.errors import InputError
-from corridor.core.simulation import Flight, Ground, Plan, simulate
+from corridor.core.simulation import Flight, Ground, Plan, add_noise, simulate
 from corridor.core.simulation.ground_points import evenly, surveyed
 
 BANK = 12.0
@@ -151,3 +152,37 @@ def test_banks_lie_at_three_tenths_of_the_picture_unless_said_otherwise():
     assert 0.85 * 13.99 <= away.min() and away.max() <= 1.02 * 13.99
     away = simulate(Plan("p", (flight,), ground=Ground(offset_m=5.0)), seed=2).ground["x"].abs()
     assert 0.85 * 5 <= away.min() and away.max() <= 5
+
+
+class TestBars:
+    PLAN = Plan(
+        "bars", (Flight("a", 50.0, images=20, strips=1, forward=0.8),),
+        ground=Ground(0, 2, bars=6, bar_m=3.0),
+        gnss=False,
+    )  # fmt: skip
+
+    def test_without_noise_they_are_as_long_as_their_points_are_apart(self):
+        made = simulate(self.PLAN, seed=1)
+        at = {name: np.array(place) for name, place in made.truth["points"].items()}
+        table = made.distances
+        assert len(table) == 6 and len({*table["from"], *table["to"]}) == 12
+        for row in table.itertuples(index=False):
+            assert np.linalg.norm(at[row[0]] - at[row[1]]) == pytest.approx(row[2], abs=1e-9)
+        assert table["distance"].median() == pytest.approx(3.0, abs=1.0)
+        rays = made.tie_points["point"].value_counts()
+        assert rays[[*table["from"], *table["to"]]].min() >= 3
+
+    def test_noise_is_as_large_as_asked_and_said_in_the_table(self):
+        perfect = simulate(self.PLAN, seed=1).distances
+        errors = []
+        for seed in range(40):
+            noisy = add_noise(simulate(self.PLAN, seed=1), distance_m=0.004, seed=seed)
+            assert (noisy.distances["sigma"] == 0.004).all()
+            errors += (noisy.distances["distance"] - perfect["distance"]).tolist()
+        assert np.std(errors) == pytest.approx(0.004, rel=0.2)
+
+    def test_a_free_network_gets_its_scale_from_them(self):
+        noise = {"tie_px": 0.5, "mark_px": 0.5, "distance_m": 0.002}
+        made = simulate(self.PLAN, seed=1, noise=noise)
+        found = corridor.adjust(made, camera="fixed").distances
+        assert len(found) == 6 and found["w"].abs().max() < 4

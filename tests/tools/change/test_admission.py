@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from scipy.stats import binom, chi2
+from scipy.stats import binom
 
 import corridor
 from benchmarks import two_dates
 from corridor.core.effects import candidates
 from corridor.tools.change import Signatures
-from corridor.tools.change.admission import Coordinates, groups
+from corridor.tools.change.admission import Coordinates, misfits
 from corridor.tools.change.epoch import Epoch
 from corridor.tools.change.significance import patches
 
@@ -80,14 +80,20 @@ class TestCoordinates:
         assert wrong <= binom.ppf(0.9999, 40, 1e-3)
 
 
-def test_sigma_naught_of_each_group_is_one_where_the_noise_is_as_stated():
-    """The squares of a group are those of as many free numbers as its redundancy says."""
-    found = groups(corridor.adjust(two_dates.pair("rest", 1)[1]))
-    assert {one.flight for one in found if one.kind == "GNSS positions"} == {"F1", "F2"}
-    for one in found:
-        low, high = chi2.ppf([0.0005, 0.9995], one.redundancy) / one.redundancy
-        assert low < one.sigma0**2 < high, one
-        assert one.sigma0 == pytest.approx(np.sqrt(one.square / one.redundancy))
+def test_what_fits_is_admitted_and_what_does_not_is_named_with_its_worst():
+    one = corridor.adjust(two_dates.pair("rest", 1)[1])
+    assert not list(misfits(one, "the first flight"))
+    one = corridor.adjust(two_dates.pair("mark of C1 5 px off", 1000)[1])
+    (objection,) = misfits(one, "the second flight")
+    assert "control points" in objection.what and "most at C1" in objection.what
+
+
+@pytest.mark.parametrize("seed", [1001, 1002])
+def test_water_is_no_ground(seed):
+    """Two strips fly over it in opposite directions, and see two surfaces."""
+    found = corridor.change(*two_dates.pair("moving water", seed))
+    assert found.verdict != "moved" and found.final.torn
+    assert "does not count: at the second date" in " ".join(str(found).split())
 
 
 def test_the_catalogue_is_the_one_of_the_diagnosis():

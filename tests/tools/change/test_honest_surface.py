@@ -4,10 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from corridor.tools.change import make_cores
 from corridor.tools.change.epoch import Cloud
-from corridor.tools.change.m3c2 import members, roughness
+from corridor.tools.change.m3c2 import members, roughness, sampling
 
 RADIUS = 4.0
 
@@ -32,9 +33,12 @@ def cloud(draw, count=1500):
 
 @pytest.mark.parametrize("degree", [0, 1, 2])
 def test_errors_are_as_large_as_stated(degree):
-    """Three pairs of dates; 5 % beyond 1.96 sigmas would be right, and a root mean square of 1."""
-    draw, z = np.random.default_rng(5), []
-    for _ in range(3):
+    """Pairs of dates; 5 % beyond 1.96 sigmas would be right, and a root mean square of 1.
+
+    So are the errors of means over 30 m of the dike, in which the bends of its edges cancel.
+    """
+    draw, z, means = np.random.default_rng(5), [], []
+    for _ in range(6):
         pair = cloud(draw), cloud(draw)
         cores = make_cores(pair[0].xyz, pair[1].xyz, 0.5 * RADIUS, RADIUS)
         found = [members(one, cores, degree) for one in pair]
@@ -42,8 +46,14 @@ def test_errors_are_as_large_as_stated(degree):
         cores = cores.only(kept)
         found = [members(one, cores, degree) for one in pair]
         rough, _ = roughness(pair, found, cores)
-        weights = sum(np.bincount(one.core, one.weight**2) for one in found)
-        z.append((found[1].mean - found[0].mean) / np.sqrt(rough * weights))
+        uneven, error = sampling(pair, found, rough), found[1].mean - found[0].mean
+        z.append(error / np.sqrt(np.sum(uneven.toarray() ** 2, axis=1)))
+        part = (cores.xyz[:, 0] // 30.0).astype(int)
+        mean = (part == np.arange(5)[:, None]) / np.bincount(part, minlength=5)[:5, None]
+        means.append(mean @ error / np.sqrt(np.sum((mean @ uneven.toarray()) ** 2, axis=1)))
     z = np.concatenate(z)
     assert 0.85 < np.sqrt(np.mean(z**2)) < 1.15
     assert np.mean(np.abs(z) > 1.96) < 0.09
+    means = np.concatenate(means)
+    low, high = np.sqrt(chi2.ppf([0.0005, 0.9995], len(means)) / len(means))
+    assert low < np.sqrt(np.mean(means**2)) < high

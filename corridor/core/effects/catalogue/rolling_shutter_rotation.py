@@ -26,6 +26,8 @@ class RollingShutterRotation(Effect):
     place = "motion"
     group = "image"
     measured = False
+    # Turns about the other axes shift rows as a whole, as many things do; this one shears them.
+    proper = ("z",)
     revealed_by = "many tie points in every image, over all of its rows"
     unobservable_when = "an image has few points, or points in few rows"
 

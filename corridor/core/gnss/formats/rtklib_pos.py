@@ -2,7 +2,8 @@
 
 What the last line of the header says: the time system, the kind of coordinates, the separator,
 the columns. Standard deviations come north first for latitude and longitude, x, y, z for
-geocentric, east first for a baseline. Co-deviations are signed roots: cov = v |v|.
+geocentric, east first for a baseline. Co-deviations are signed roots: cov = v |v|; the track has
+correlations in their place.
 
 Source: RTKLIB manual 2.4.2, appendix B.1.
 """
@@ -14,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from corridor.core.block import RHO, SIGMAS, made_possible
 from corridor.core.errors import InputError
 from corridor.core.gnss.text import TextRows, degrees, number
 from corridor.core.gnss.time import day_of, gps_day, on_one_day, seconds_of_clock, time_system
@@ -31,11 +33,11 @@ _DATE = re.compile(r"(\d{2,4})[/-](\d{1,2})[/-](\d{1,2})")
 _FLOAT = re.compile(r"[+-]?\d+(?:\.\d+)?")
 
 _ORDER = [
-    "time_s", "x", "y", "z", "sx", "sy", "sz", "cxy", "cyz", "czx", "vx", "vy", "vz",
+    "time_s", "x", "y", "z", "sx", "sy", "sz", *RHO, "vx", "vy", "vz",
     "svx", "svy", "svz", "quality",
 ]  # fmt: skip
 _AXIS = {"e": "x", "n": "y", "u": "z", "x": "x", "y": "y", "z": "z"}
-_PAIR = {"xy": "cxy", "yx": "cxy", "yz": "cyz", "zy": "cyz", "zx": "czx", "xz": "czx"}
+_PAIR = {pair: name for name in RHO for pair in (name[-2:], name[:-3:-1])}
 # Column of the track by its name in the header.
 _KEYS = {
     "latitude": "y", "longitude": "x", "height": "z", "Q": "quality",
@@ -110,7 +112,7 @@ def _epochs(lines, header, separator, path) -> tuple[str, pd.DataFrame, np.ndarr
         raise InputError(f"{path.name} holds no positions; process the track again")
     day, time = on_one_day([stamp for stamp, kept in zip(stamps, known, strict=True) if kept])
     table = pd.DataFrame(found)[[name for name in _ORDER if name in found]][known]
-    table = table.reset_index(drop=True)
+    table = _with_correlations(table.reset_index(drop=True))
     table.insert(0, "time_s", time)
     dropped = int((~known).sum())
     notes = [f"{path.name}: {dropped} rows without solution (Q 0) left out"] if dropped else []
@@ -122,8 +124,20 @@ def _column(rows: TextRows, key: str, first: int, last: int, name: str) -> np.nd
         return rows.degrees(first, last, name)
     if key[0] == "s":
         return rows.sigmas(first, name)
-    values = rows.numbers(first, name, unknown=key[0] == "c")
-    return values * np.abs(values) if key[0] == "c" else values
+    return rows.numbers(first, name, unknown=key in RHO)
+
+
+def _with_correlations(table: pd.DataFrame) -> pd.DataFrame:
+    """The table with correlations in place of co-deviations; without them where one is missing."""
+    names = [name for name in RHO if name in table]
+    if len(names) < len(RHO) or not set(SIGMAS) <= set(table):
+        return table.drop(columns=names)
+    root, sigma = table[names].to_numpy(), table[list(SIGMAS)].to_numpy()
+    variance = np.stack([sigma[:, i] * sigma[:, j] for i, j in ((0, 1), (0, 2), (1, 2))], axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rho = np.where(variance > 0, root * np.abs(root) / variance, 0.0)
+    table[names] = made_possible(np.nan_to_num(rho))
+    return table
 
 
 def _fields(line: str, separator: str) -> list[str]:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
+from corridor.core.block import RHO
 from corridor.core.brief import brief
 from corridor.core.errors import InputError
 from corridor.core.gnss.interpolation import polynomials, regimes, smoother
@@ -110,8 +111,10 @@ def interpolate(
     """The antenna at `times` (n,), seconds of the track's clock, with standard deviations.
 
     track: time_s, x, y, z in metres along axes of equal scale (z up), optional sx, sy, sz (m),
-        vx, vy, vz, svx, svy, svz (m/s), quality (RTKLIB's number), flight. Without sigmas
-        the smoother finds them by likelihood; the curves then have none.
+        rho_xy, rho_xz, rho_yz (their correlations, which positions get from the epochs beside
+        them: the axes are smoothed one by one), vx, vy, vz, svx, svy, svz (m/s), quality
+        (RTKLIB's number), flight. Without sigmas the smoother finds them by likelihood; the curves
+        then have none.
     method, max_sigma, slow_share, velocities: see `Interpolation`, which may be given in their
         place as interpolation.
     flight: (n,) names of the flight of each time, where flights of the track overlap in time.
@@ -165,6 +168,8 @@ def interpolate(
     table = pd.DataFrame({"time_s": times})
     table[_POSITION], table[_SIGMA] = position, sigma
     table[_VELOCITY], table[_VELOCITY_SIGMA] = velocity, v_sigma
+    if set(RHO) <= set(track):
+        table[list(RHO)] = _correlation(track, times, pieces, piece)
     table["segment"], table["why"] = piece, pd.Series(why, dtype="str")
     columns = ["segment", "group", "gust", "slow", "sigma_m", "velocity_sigma"]
     columns += ["scale", "unresolved_m"]
@@ -177,6 +182,17 @@ def interpolate(
         else pd.DataFrame(columns=["time_s", *_POSITION, *_SIGMA, "segment"], dtype=float)
     )
     return Interpolated(table, pieces, found, curve, method, max_sigma, tuple(notes))
+
+
+def _correlation(track, times, pieces, piece) -> np.ndarray:
+    """Correlations (n, 3) at times, between those of the epochs of each piece."""
+    out = np.zeros((len(times), 3))
+    time, given = track["time_s"].to_numpy(float), np.nan_to_num(track[list(RHO)].to_numpy(float))
+    for number, row in enumerate(pieces.itertuples()):
+        mine, part = piece == number, slice(row.first, row.last + 1)
+        for axis in range(3):
+            out[mine, axis] = np.interp(times[mine], time[part], given[part, axis])
+    return out
 
 
 def _of_holes(time: np.ndarray, pieces: pd.DataFrame) -> list[str]:

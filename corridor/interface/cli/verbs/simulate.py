@@ -31,9 +31,10 @@ Keys of a plan (`corridor.simulation.Plan` and the types beside it say what each
                 wind_m_s, start_s, pause_s, turn_s, lever_arm_m, temperature_c, warming_c
   [terrain]     relief_m, level_m, roughness_m
   [tie_points]  per_image, border_px, match_angle_deg, match_scale
-  [ground]      control, check, layout, every_m, offset_m, check_from_ties, within_m
+  [ground]      control, check, layout, every_m, offset_m, check_from_ties, within_m,
+                bars, bar_m
   [noise]       tie_px, mark_px, gnss_m, control_m, attitude_deg, outliers, rounding_px, gnss_slow,
-                gnss_slow_s
+                gnss_slow_s, distance_m, image_rho, gnss_rho, control_rho
   [start]       centre_m, rotation_deg, points_m, camera
   [camera.NAME]  as in block.toml
   [rig.NAME]     as in block.toml: flights with the camera of its base carry the other members
