@@ -5,6 +5,7 @@ effects and the package from the docstrings. A warning is an error.
 """
 
 import argparse
+import base64
 import inspect
 import json
 import os
@@ -73,6 +74,7 @@ def assemble(source):
     commands(source / "commands.md")
     write_text(source / "api.md", api())
     write_text(source / "settings.md", settings())
+    first_page(source)
     print("== Effects", flush=True)
     slugs = effect_pages.make(source / "effects")
     print("== Lessons", flush=True)
@@ -82,6 +84,108 @@ def assemble(source):
     script(data / "ground_data.js", GROUND_DATA=lessons.on_the_ground())
     named = [f"{slug.replace('_', ' ').capitalize()} <{slug}>" for slug in slugs]
     write(source / "effects" / "index.md", CONTENTS, "Effects", [*named, "../own_effect"])
+
+
+# Pictures of the first page: name -> chapter, and words of the cell that draws it.
+FIRST = {
+    "surveyor": ("00_quickstart", "compare_check_points("),
+    "researcher": ("05c_published_survey", "drawings.beside_published("),
+    "teacher": ("04b_bike_wheel", "classroom.wheel_page()"),
+    "programmer": ("00_quickstart", "correlation_matrix("),
+}
+# Findings: chapter, words of the cell, and the finding.
+GALLERY = (
+    (
+        "01_simulation", "focal length wrong by 50 px",
+        "A focal length that is wrong by 50 px bends the ground where oblique images look at it.",
+    ),
+    (
+        "03_thermal", "figures.thermal_parameters(",
+        "A camera that warms up moves its picture by a pixel or two, and back as it cools.",
+    ),
+    (
+        "04_rolling_shutter", "drawings.beside_published(",
+        "Four published surveys beside their simulation: corrected they are better, not good.",
+    ),
+    (
+        "05_missing_effect", "figures.counterpart(closing.before",
+        "Residuals that look like noise: a shutter of 25 ms was hidden in them, and is found.",
+    ),
+    (
+        "07_change", "figures.change_maps(",
+        "What two dates changed, and what is more than the camera can explain.",
+    ),
+)  # fmt: skip
+
+
+def first_page(source):
+    """The first page: pictures of the chapters as executed, and the numbers that were measured."""
+    path = source / "index.md"
+    for name, (chapter, words) in FIRST.items():
+        drawn(chapter, words, source / "pictures" / f"{name}.png")
+    rows = []
+    for number, (chapter, words, finding) in enumerate(GALLERY, 1):
+        drawn(chapter, words, source / "pictures" / f"finding_{number}.png")
+        rows.append(f"[{finding}](notebooks/{chapter}.ipynb)\n\n![]({path_of(number)})\n")
+    text = path.read_text(encoding="utf-8")
+    write_text(path, text.replace("EVIDENCE", evidence()).replace("GALLERY", "\n".join(rows)))
+
+
+def path_of(number):
+    """Where the picture of a finding lies, from the first page."""
+    return f"pictures/finding_{number}.png"
+
+
+def drawn(chapter, words, out):
+    """Write the picture of the first cell that has these words and drew one."""
+    content = json.loads((ROOT / "notebooks" / f"{chapter}.ipynb").read_text(encoding="utf-8"))
+    for cell in content["cells"]:
+        for output in cell.get("outputs", ()):
+            png = output.get("data", {}).get("image/png")
+            if png and words in "".join(cell["source"]):
+                out.parent.mkdir(exist_ok=True)
+                out.write_bytes(base64.b64decode(png))
+                return
+    raise SystemExit(f"{chapter}: no cell with {words!r} drew a picture; see docs/build.py")
+
+
+def evidence():
+    """A table: agreement in digits, rates on real noise and time beside Ceres, as measured."""
+    digits = (DOCS / "digits.md").read_text(encoding="utf-8")
+    printed, equal, agree, rows = re.search(
+        r"Of ([\d,]+) printed numbers ([\d,]+) agree to the last digit; (\d+) of (\d+) rows", digits
+    ).groups()
+    rates = json.loads((DOCS / "guarantees.json").read_text(encoding="utf-8"))["flights"]
+    times = json.loads((DOCS / "against_ceres.json").read_text(encoding="utf-8"))["sizes"]
+    alone = "of 10 sigma, which the flight can tell from all others: named"
+    asked = {
+        "effects of ten sigmas that the flight can tell apart: named": alone,
+        "effects of any size: named": "named, effects",
+        "effects of any size: in the set that is named": "in the set that is named, effects",
+        "wrong names": "wrong names beside hidden effects",
+        "untouched parts of which something is said": "untouched blocks of which something is said",
+    }
+    lines = ["| question | answer | how it was measured |", "| --- | --- | --- |"]
+    lines.append(
+        f"| Does it compute what others compute? | {equal} of {printed} printed numbers agree to "
+        f"the last digit, {agree} of {rows} rows within what both can say | "
+        "[digits](digits.md): DBAT, pyBundleBlock, AICON |"
+    )
+    for number, (words, key) in enumerate(asked.items()):
+        question = "" if number else "Is the diagnosis right? "
+        lines.append(
+            f"| {question}{words} | {rates[key]} | effects put into parts of a measured survey "
+            "([guarantees](guarantees.md)) |"
+        )
+    for one in times:
+        low, high = one["ratio_range"]
+        lines.append(
+            f"| Is it fast? {one['images']:,} images, {one['observations']:,} observations | "
+            f"{one['ours_s']:.2f} s of processor, Ceres {one['ceres_s']:.2f} s: {one['ratio']:.0f} "
+            f"times less ({low:.0f} to {high:.0f}) | `benchmarks/against_ceres.py`, same problem, "
+            "same minimum |"
+        )
+    return "\n".join(lines)
 
 
 def settings():

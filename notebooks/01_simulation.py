@@ -30,7 +30,7 @@
 # usually take. It is a parameter below; the appendix varies it.
 #
 # You need to know what a bundle adjustment estimates. Change a number anywhere and run again.
-# *Run time on one core: about 6 minutes; in the fast form about 4 minutes.*
+# *Run time on one core: about 6 minutes; in the fast form about 2 minutes.*
 
 # %% tags=["parameters"]
 fast = False  # fewer draws and steps: the tables are then thinner, the story is the same
@@ -447,7 +447,7 @@ noisy = {key: np.array(values) for key, values in noisy.items()}
 
 # %%
 truth = perfect.truth["camera"]["camlight"]
-figures.histograms(
+figures.estimates(
     {f"{p} (px)": noisy["all flights", 10][:, 3 + k] for k, p in enumerate(("f", "cx", "cy"))},
     {f"{p} (px)": truth[p] for p in ("f", "cx", "cy")},
     "estimates with 10 px of noise, all flights, scatter about the truth",

@@ -25,7 +25,7 @@
 #
 # You need to know that a bundle adjustment can use antenna positions, and that the antenna sits
 # half a metre from the lens: the lever arm. Horizontal and height errors are RMS of check points.
-# *Run time on one core: about 60 seconds; in the fast form about 60 seconds.*
+# *Run time on one core: about 30 seconds; in the fast form about 30 seconds.*
 
 # %% tags=["parameters"]
 fast = False  # fewer simulated flights
@@ -103,7 +103,9 @@ else:
     print("m300_ppk: not here")
 
 # %% [markdown]
-# Three centimetres, by any method: at 1.8 m/s it is the gusts between two epochs that nobody sees.
+# (In the picture the lines are the sigmas halfway between two epochs, where they are largest; an
+# exposure on an epoch lies below them.) Three centimetres, by any method: at 1.8 m/s it is the
+# gusts between two epochs that nobody sees.
 # The smoother knows that a drone has mass, and it says how far off it may be: error over stated
 # sigma is near one. The parabola through three epochs, which MicMac uses, claims too much in turns.
 # `corridor gnss TRACK --images IMAGES -o gnss.csv` does this for your own track, whatever wrote it.

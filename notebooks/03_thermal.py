@@ -21,7 +21,7 @@
 # the ground is the next notebook, `03b_thermal_on_the_ground`.
 #
 # You need to know what a focal length is.
-# *Run time on one core: about 40 seconds; in the fast form about 40 seconds.*
+# *Run time on one core: about 50 seconds; in the fast form about 40 seconds.*
 
 # %% tags=["parameters"]
 fast = False  # fewer pictures and draws: the curves are then thinner, the story is the same
@@ -196,7 +196,9 @@ print(
 
 # %% [markdown]
 # Which terms? A picture's nodes share its errors, so a criterion that counts pixels always asks for
-# more. Leaving out blocks of temperature and predicting them does not.
+# more. Leaving out blocks of temperature and predicting them does not. (In the picture below, the
+# dots of the scale lie some ppm under the line: they are fitted to the nodes, the line is the
+# model's over the whole picture, and the radial part is largest at its border.)
 
 # %%
 fitted = thermal.fit(maps)

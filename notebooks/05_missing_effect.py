@@ -27,7 +27,7 @@
 #
 # You need to know what a bundle adjustment is, and what a check point is. Chapter 4 says what a
 # rolling shutter does.
-# *Run time on one core: about 5 minutes; in the fast form about 70 seconds.*
+# *Run time on one core: about 6 minutes; in the fast form about 90 seconds.*
 
 # %% tags=["parameters"]
 fast = False  # fewer simulated counterparts and geometries, and no real flights
@@ -214,7 +214,8 @@ print(f"held-out tie observations: {tie['before']:.3f} px before, {tie['after']:
 #
 # A second flight, with a camera that is calibrated by the flight itself. Two things are missing.
 # Adding one effect at a time and keeping the best misleads here: each takes up a part of the
-# other. The search adds, drops and swaps, and every round starts from a new adjustment.
+# other. The search adds, drops and swaps, and every round starts from a new adjustment. Guess: if
+# the stronger one is named first, is its value right before the second one is in the model?
 
 # %%
 towpath = corridor.read(sealed / "towpath")
@@ -292,7 +293,8 @@ for effect in truth_of("quay"):
 # follow time or temperature, motion of the ground. When one of them wins, the honest answer is
 # *unknown*, and *where*. A smooth deformation of all pictures is special: every lens leaves some of
 # it, so it is estimated with everything else, and news only where it moves the ground or makes
-# data that no fit has used much better.
+# data that no fit has used much better. Guess: will a program name *something* here, because it
+# has to name one?
 
 # %%
 weir = corridor.read(sealed / "weir")
@@ -517,7 +519,8 @@ picture
 # %% [markdown]
 # The gap shrinks, and it does not close: many statistics stay outside their bands, where a
 # twentieth would by chance. Three causes are named. Is the model right now? Ask a number that the
-# diagnosis has not used: the focal length, which the data sheet knows.
+# diagnosis has not used: the focal length, which the data sheet knows. Guess: does each named cause
+# bring it nearer?
 
 # %% tags=["nbval-ignore-output"]
 if special is not None:

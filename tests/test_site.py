@@ -1,6 +1,7 @@
 """The site: built without a warning, read without a network, and as the package is."""
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -40,6 +41,24 @@ def test_code_of_a_chapter_is_folded_and_its_text_is_not():
     cells = [{"cell_type": kind, "metadata": {}, "source": ""} for kind in ("markdown", "code")]
     text, code = json.loads(build.folded(json.dumps({"cells": cells})))["cells"]
     assert code["metadata"]["tags"] == ["hide-input"] and "tags" not in text["metadata"]
+
+
+def test_the_first_page_has_what_was_measured_and_pictures_of_the_chapters(tmp_path):
+    import build
+
+    (tmp_path / "index.md").write_text((ROOT / "docs/pages/index.md").read_text(encoding="utf-8"))
+    build.first_page(tmp_path)
+    page = (tmp_path / "index.md").read_text(encoding="utf-8")
+    shown = re.findall(r"\((pictures/\w+\.png)\)", page)
+    assert len(shown) == len(build.FIRST) + len(build.GALLERY)
+    assert all((tmp_path / one).read_bytes().startswith(b"\x89PNG") for one in shown)
+    times = json.loads((ROOT / "docs/against_ceres.json").read_text(encoding="utf-8"))["sizes"]
+    for one in times:
+        assert f"{one['observations']:,} observations" in page
+        assert one["ratio"] == pytest.approx(one["ceres_s"] / one["ours_s"], rel=0.2)
+    rates = json.loads((ROOT / "docs/guarantees.json").read_text(encoding="utf-8"))["flights"]
+    assert rates["named, effects"] in page
+    assert "EVIDENCE" not in page and "GALLERY" not in page
 
 
 @pytest.mark.slow

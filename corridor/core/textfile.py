@@ -200,7 +200,7 @@ def lines(path: Path, size: int = 0, passed: int = 0) -> Iterator[Line]:
         raise missing(path, error) from error
 
 
-def filled(path: Path, comment: str = "") -> Iterator[Line]:
+def filled(path: Path, comment: str | tuple[str, ...] = "") -> Iterator[Line]:
     """The lines that are not blank, nor begin with `comment`."""
     return Following(path, comment).rest()
 
@@ -211,7 +211,7 @@ class Following:
     last: number of the line that was read last. comment: what begins a line that says nothing.
     """
 
-    def __init__(self, path: Path, comment: str = ""):
+    def __init__(self, path: Path, comment: str | tuple[str, ...] = ""):
         self.path, self.last, self._comment, self._lines = path, 0, comment, lines(path)
 
     def next(self, what: str) -> Line:

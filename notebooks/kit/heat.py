@@ -30,15 +30,31 @@ def rms(values) -> float:
     return float(np.sqrt(np.nanmean(np.square(values))))
 
 
-def pylon(heat, tie_px: float, closed: bool, draw: int, camera="fraser8", **ring) -> np.ndarray:
+def pylon(
+    heat,
+    tie_px: float,
+    closed: bool,
+    draw: int,
+    camera="fraser8",
+    mark_px: float | None = None,
+    targets_mm: float = 0.0,
+    held_at_c: float | None = None,
+    **ring,
+) -> np.ndarray:
     """Mean residual at the targets and mean closing error, mm: (2, 2), raw and corrected.
 
-    ring: of `ring_block`. The closing error is that of points seen at either end of an open ring.
+    mark_px: of the targets in the pictures, by default as of tie points; targets_mm: of their given
+    coordinates. held_at_c: the camera is that of a calibration at this temperature, and held; what
+    is corrected has its own at the model's zero. ring: of `ring_block`. The closing error is that
+    of points seen at either end of an open ring.
     """
     perfect = ring_block(closed=closed, seed=draw, **ring)
-    seen = add_noise(thermal.uncorrect(perfect, heat)[0], tie_px=tie_px, mark_px=tie_px, seed=draw)
+    noise = {"tie_px": tie_px, "mark_px": mark_px or tie_px, "control_m": targets_mm / 1000}
+    seen = add_noise(thermal.uncorrect(perfect, heat)[0], **noise, seed=draw)
     rows = []
-    for block in (seen, thermal.correct(seen, heat)[0]):
+    for block, at in ((seen, held_at_c), (thermal.correct(seen, heat)[0], heat.t0_c)):
+        if held_at_c is not None:
+            block, camera = thermal.calibrated_at(block, heat, at), "fixed"
         adjusted = corridor.adjust(block, camera=camera, control=[])
         laid = lay_on_control(adjusted)
         place = adjusted.points.set_index("point")[["x", "y", "z"]]

@@ -130,7 +130,7 @@ def test_check_points_choose_among_what_nothing_else_tells_apart():
         (["time_s"], "focal_drift"),
         (["temperature_c"], "thermal"),
         # With times, velocities are derived.
-        (["vx", "vy", "vz", "time_s"], "rolling_shutter"),
+        (["vx", "time_s"], "rolling_shutter"),
     ],
 )
 def test_a_missing_column_is_listed_and_stops_nothing(columns, slug):

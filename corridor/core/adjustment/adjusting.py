@@ -153,7 +153,7 @@ def adjust(
     def whole(part: Block) -> Adjustment:
         found = _without_gross_errors(part, model, again)
         if reject_gnss:
-            found = without_false_fixes(found, again)
+            found = without_false_fixes(found, again, part.gnss_sigma())
         found = weighted_by_scatter(found, again)
         if weights == "estimated":
             found = with_common_offset(found, again, part.gnss_sigma())

@@ -94,9 +94,9 @@ def without_exchanged(
     told = model.control is not None or model.check is not None
     if told or len(block.gnss) < 4 or len(block.ground) < 4:
         return block, []
-    bare = block.copy()
-    bare.ground["role"] = "unused"
     try:
+        bare = block.copy()
+        bare.ground["role"] = "unused"
         blind = adjusted(bare, model.without_effects())
     except (InputError, AdjustmentFailed):
         return block, []

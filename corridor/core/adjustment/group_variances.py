@@ -89,10 +89,10 @@ def components(adjustment: Adjustment) -> pd.DataFrame:
                 taken += r
     p = adjustment.problem
     if len(adjustment.residuals["mark"]):
-        share = reliability.marks["redundancy"]
-        square = _image_square(adjustment, "mark")
-        rows.insert(0, ("mark", "", "", len(share), share.sum(), square))
-        taken += share.sum()
+        of_marks = reliability.marks["redundancy"]
+        total = _image_square(adjustment, "mark")
+        rows.insert(0, ("mark", "", "", len(of_marks), of_marks.sum(), total))
+        taken += of_marks.sum()
     if p.tie_count:
         left = adjustment.redundancy - taken
         rows.insert(0, ("tie", "", "", 2 * p.tie_count, left, _image_square(adjustment, "tie")))

@@ -19,6 +19,8 @@ LEAST_POINTS = 3
 _NAMED = 10
 # Places that differ by less are one.
 _ONE_PLACE_M = 1e-3
+# So few places with so many images at each are no flight: a head takes five at once and flies on.
+_PLACES, _AT_ONE_PLACE = 2, 6
 
 
 def sound_part(block: Block, model: Model, strict: bool = False) -> tuple[Block, list[str]]:
@@ -105,10 +107,20 @@ def _refuse_one_place(block: Block) -> None:
 def _without_one_position(block: Block, strict: bool) -> tuple[Block, list[str]]:
     """The block without antenna positions that are all the same: they place nothing."""
     given = block.numbers("gnss", *"xyz") if len(block.gnss) > 2 else np.full((1, 3), np.nan)
-    if not np.isfinite(given).all() or np.ptp(given, axis=0).max() >= _ONE_PLACE_M:
+    if not np.isfinite(given).all():
         return block, []
     place = ", ".join(f"{value:g}" for value in given[0])
     told = f"gnss.csv: all {len(given)} positions are the same ({place}) and place nothing"
+    if np.ptp(given, axis=0).max() >= _ONE_PLACE_M:
+        places = len(np.unique(np.round(given[:, :2] / _ONE_PLACE_M), axis=0))
+        climbs = np.ptp(given[:, 2]) > np.median(block.gnss_sigma()[:, 2])
+        few = places <= _PLACES and places * _AT_ONE_PLACE <= len(given)
+        if not few or (places == 1 and climbs):
+            return block, []
+        told = (
+            f"gnss.csv: its {len(given)} positions stand at {counted(places, 'place')} "
+            f"({place}{', ...' if places > 1 else ''}), which tells no image from its neighbours"
+        )
     if strict:
         raise InputError(f"{told}: correct them, or leave gnss.csv out")
     block = block.copy()

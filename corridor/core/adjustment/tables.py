@@ -243,6 +243,20 @@ class Tables(Checked):
             turn, weight = turn[: len(p.control_rows)], weight[: len(p.control_rows)]
         return (turn if (turn != np.eye(3)).any() else None), weight
 
+    @property
+    def correlated_kinds(self) -> list[str]:
+        """Kinds of observation of which some coordinates are correlated: `tie`, `mark`, `gnss`,
+        `control`."""
+        p, kinds = self.problem, []
+        if len(p.skewed):
+            tie = p.row < p.tie_count
+            skewed = (p.skewed != [1.0, 0.0, 1.0]).any(axis=1)
+            kinds = [kind for kind, rows in (("tie", tie), ("mark", ~tie)) if skewed[rows].any()]
+        for kind in ("gnss", "control"):
+            if self.correlated(kind)[0] is not None:
+                kinds.append(kind)
+        return kinds
+
     @cached_property
     def observations(self) -> pd.DataFrame:
         """A row for each kind: `tie`, `mark`, `gnss`, `control`, of which there are any.

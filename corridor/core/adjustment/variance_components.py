@@ -22,6 +22,7 @@ from corridor.core.adjustment.group_variances import (
     contradicting,
     false_positions,
     from_where_it_ended,
+    slow,
 )
 from corridor.core.adjustment.model import (
     Model,
@@ -35,6 +36,7 @@ from corridor.core.adjustment.uncertain_motion import MotionScale
 from corridor.core.block import Block, turned
 from corridor.core.effects import every_effect
 from corridor.core.errors import AdjustmentFailed, InputError, some
+from corridor.core.geometry import OUTLIER
 from corridor.core.output import counted
 from corridor.core.preparation import derived, record_derived
 
@@ -69,16 +71,20 @@ _STATED_COUNTS = 1.0
 _TURNS = ("turn_x", "turn_y", "turn_z")
 
 
-def without_false_fixes(result: Adjustment, again: Again) -> Adjustment:
+def without_false_fixes(result: Adjustment, again: Again, stated: np.ndarray) -> Adjustment:
     """Adjusted again without the outliers among the antenna positions, until none is left.
 
     A block of false ones draws the others after it, and is found by what these say without it.
+    stated (k, 3): standard deviations, m, of all positions; those that already have others since
+    they are gross errors are outliers too.
     """
+    apart = result.start.gnss["image"][(result.start.gnss_sigma() > stated).any(axis=1)]
     rejected: dict[str, float] = {}
     for _ in range(10):
         table = result.residuals["gnss"]
         false = false_positions(result, again)
-        gone = table[table["outlier"] if false is None else false]
+        wrong = table["outlier"] if false is None else false
+        gone = table[wrong | table["image"].isin(apart)]
         if not len(gone) or len(gone) > len(table) / 2:
             break
         lengths = np.linalg.norm(gone[["vx", "vy", "vz"]], axis=1)
@@ -197,7 +203,7 @@ def _scatter(result: Adjustment) -> np.ndarray:
 
 def with_common_offset(result: Adjustment, again: Again, stated: np.ndarray) -> Adjustment:
     """Adjusted with an offset that all antenna positions of a flight share, where ground control
-    shows one and they are coarse, or contradict their standard deviations without it.
+    shows one and they are coarse, or contradict their standard deviations or last without it.
 
     A receiver without corrections is off by metres for hours, one with a wrong base station for
     good. As errors of their own they would bend the block between them and the control.
@@ -211,10 +217,14 @@ def with_common_offset(result: Adjustment, again: Again, stated: np.ndarray) -> 
         return result
     coarse = gnss_of_metres(result.start)
     wrong = {} if coarse else contradicting(result)
-    if not (coarse or wrong):
+    lasting = not (coarse or wrong) and slow(result) is not None
+    if not (coarse or wrong or lasting):
         return result
     offset, test = _common_offset(result)
     if test < chdtri(max(np.count_nonzero(offset), 1), RARE):
+        return result
+    # What drifts is off in the mean too, and by no more than it drifts.
+    if lasting and (np.abs(offset) < OUTLIER * np.median(stated, axis=0)).all():
         return result
     several = len(p.images.flight_names) > 1
     effect = shared.per("flight") if several else shared
@@ -232,6 +242,8 @@ def with_common_offset(result: Adjustment, again: Again, stated: np.ndarray) -> 
         return result
     # An offset that is not what is wrong leaves the contradiction.
     if not found.converged or (wrong and contradicting(found)):
+        return result
+    if lasting and slow(found) is not None:
         return result
     values = found.effects.query("slug == @effect.slug")
     shown = "; ".join(

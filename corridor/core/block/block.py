@@ -485,15 +485,16 @@ class Block:
 
 @frugal()
 def read(folder: str | os.PathLike | Block) -> Block:
-    """Block of a folder, checked; of a block, which may have been changed since, itself, checked.
+    """Block of a folder, checked; a block that has been read is itself.
+
+    Where somebody has put a table with names as text into it, that table is checked again.
 
     Raises InputError, one sentence naming file, row and remedy, where the folder, a file or a
     column is missing, or a file holds what a block must not.
     """
     if isinstance(folder, Block):
-        block = _with_names_typed(folder)
-        block.check()
-        return block
+        checking.code_names(folder)
+        return folder
     if not isinstance(folder, str | os.PathLike):
         raise InputError(
             f"a block is a folder, or what `read` makes of one, not {in_words(folder)}"
@@ -521,19 +522,6 @@ def read(folder: str | os.PathLike | Block) -> Block:
     )
     block.check()
     return block
-
-
-def _with_names_typed(block: Block) -> Block:
-    """The block with the names in its large tables as categories, where somebody has put text."""
-    texts = {
-        table: frame
-        for table in ("tie_points", "marks")
-        for frame in [getattr(block, table)]
-        if any(
-            not isinstance(frame[name].dtype, pd.CategoricalDtype) for name in ("image", "point")
-        )
-    }
-    return block.with_(**texts) if texts else block
 
 
 def without_distances(block: Block) -> tuple[Block, list[str]]:

@@ -39,12 +39,7 @@ def check(block, observed: bool = True) -> None:
     observed: whether a block without observations is one.
     """
     _settings(block)
-    for table in ("tie_points", "marks"):
-        # Columns that were put into a block in memory may be texts.
-        frame = getattr(block, table)
-        texts = [name for name in ("point", "image") if not _is_coded(frame[name])]
-        if texts:
-            setattr(block, table, frame.astype(dict.fromkeys(texts, "category")))
+    code_names(block)
     for table in LAYOUTS:
         _names(block, table)
         _numbers(block, table)
@@ -221,6 +216,19 @@ def _images(block) -> None:
         fault = "time_s = {time_s:g} stands still, it is the same in every image"
         remedy = "write the times of exposure or leave the cells empty"
         _refuse(block, "images", still, fault, remedy)
+
+
+def code_names(block) -> None:
+    """Names in the tables of observations as categories, where somebody has put texts into a block.
+
+    Raises InputError where such a table is no table of observations any more.
+    """
+    for table in ("tie_points", "marks"):
+        frame = getattr(block, table)
+        texts = [name for name in ("point", "image") if not _is_coded(frame[name])]
+        if texts:
+            setattr(block, table, frame.astype(dict.fromkeys(texts, "category")))
+            _observations(block, table)
 
 
 def _observations(block, table: str) -> None:

@@ -64,7 +64,7 @@ def doubts(block: Block) -> list[str]:
         *_positions(block),
         *_pictures(block),
         *_axes(block),
-        *_reduced_marks(block),
+        *_marks_of_other_pictures(block),
         *_settings(block),
         *_passed_over(block),
         *motion_doubts(block),
@@ -236,8 +236,8 @@ def _axes(block: Block) -> Iterator[str]:
         )
 
 
-def _reduced_marks(block: Block) -> Iterator[str]:
-    """Marks that all lie nearer to the corner than start values put them, by one factor."""
+def _marks_of_other_pictures(block: Block) -> Iterator[str]:
+    """Marks that lie where start values put them in pictures resized, turned or mirrored."""
     rows, image = block.marks, block.image_rows("marks")
     if len(rows) < _FEWEST:
         return
@@ -256,6 +256,23 @@ def _reduced_marks(block: Block) -> Iterator[str]:
     factor = float(np.median(measured / there))
     off = np.median(np.linalg.norm(measured - there, axis=1))
     left = np.median(np.linalg.norm(measured - factor * there, axis=1))
+    size = cameras[known, 3:]
+    for words, other in (
+        ("y were counted upwards", np.column_stack([measured[:, 0], size[:, 1] - measured[:, 1]])),
+        ("the pictures were turned by 180 degrees", size - measured),
+        (
+            "the pictures were mirrored",
+            np.column_stack([size[:, 0] - measured[:, 0], measured[:, 1]]),
+        ),
+        ("x and y were exchanged", measured[:, ::-1]),
+    ):
+        if np.median(np.linalg.norm(other - there, axis=1)) < _OF_RESIZED * min(off, left):
+            yield (
+                f"Marks lie {off:.0f} px (median) from where the start values put them, as if "
+                f"{words}: measure them in the pictures as the tie points were measured, or take "
+                "marks.csv out: without it the other measurements adjust."
+            )
+            return
     if not abs(np.log(max(factor, 1e-9))) > _RESIZED or left > _OF_RESIZED * off:
         return
     # A factor that takes whatever is there to the corner leaves marks where they are.

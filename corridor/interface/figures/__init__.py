@@ -9,7 +9,7 @@ from corridor.interface.figures._check_points import (
     compare_check_points,
 )
 from corridor.interface.figures._counterpart import counterpart, counterpart_axes, counterpart_maps
-from corridor.interface.figures._curves import Panel, curves, histograms
+from corridor.interface.figures._curves import Panel, curves, estimates
 from corridor.interface.figures._error_maps import error_maps
 from corridor.interface.figures._first_look import first_look
 from corridor.interface.figures._flight_readout import flight_readout
@@ -59,10 +59,10 @@ __all__ = [
     "deformation_maps",
     "detection_map",
     "error_maps",
+    "estimates",
     "evidence_bars",
     "first_look",
     "flight_readout",
-    "histograms",
     "image_shift",
     "of_adjustment",
     "of_change",

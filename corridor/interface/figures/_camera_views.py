@@ -16,14 +16,15 @@ from corridor.interface.figures import maps, style
 if TYPE_CHECKING:
     from corridor.core.block import Block
 
-MOST_IMAGES, MOST_FOOTPRINTS = 600, 30
+MOST_IMAGES, MOST_FOOTPRINTS = 600, 12
+_LINES = ("-", "--", ":", "-.")
 
 
 def camera_views(block: Block) -> Figure:
     """Footprints of the pictures in plan, and the cameras over the ground from the side.
 
     block: its poses as they stand; one in so many where there are more than 600, and footprints
-    of 30 or so, which cannot be told apart otherwise. They are on a plane at the mean height of
+    of a dozen, which cannot be told apart otherwise. They are on a plane at the mean height of
     the points. In space a camera is a pyramid that opens towards what it sees, 4 m high; heights
     and distances have one scale.
     """
@@ -47,12 +48,15 @@ def camera_views(block: Block) -> Figure:
     figure = style.sheet(1.15 + height + 0.5 + 3.9, title, note)
     axes = maps.map_panel(figure, frame, limits, 0.8, 1.15, 8.5, height)
     keys = []
-    for name, rows, colour, marker in parts:
+    for k, (name, rows, colour, marker) in enumerate(parts):
+        dashes = _LINES[k % len(_LINES)]
         outline = np.concatenate([flat[rows], flat[rows][:, :1]], axis=1)[:: max(drawn, step)]
         rows = rows[::step]
-        axes.add_collection(LineCollection(outline, colors=colour, linewidths=0.5, alpha=0.55))
+        axes.add_collection(
+            LineCollection(outline, colors=colour, linewidths=0.9, linestyles=dashes)
+        )
         axes.plot(*frame.place(pose[rows, :2]).T, ls="", marker=marker, ms=3, color=colour)
-        keys.append(style.key(name, ls="-", lw=0.8, marker=marker, ms=5, color=colour))
+        keys.append(style.key(name, ls=dashes, lw=0.9, marker=marker, ms=5, color=colour))
     maps.draw_ground(axes, frame, block, names=False)
     style.legend(figure, 0.87, keys)
     box = (0.05, 0.0, 0.9, 3.9 / figure.get_size_inches()[1])

@@ -12,7 +12,6 @@ from typing import Any, Protocol
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -20,15 +19,12 @@ from corridor.core.output import short
 from corridor.interface.figures import style
 
 BAND = "#d9d9d9"
-# Panels of the first picture, and maps.
-MOST = 9
+# Panels of the first picture, and maps: more are not read.
+MOST = 5
 MOST_MAPS = 4
 MOST_AXES = 12
 # Deviations from which on a cell is as dark or as light as can be.
 DARKEST = 8.0
-SIGNED = LinearSegmentedColormap.from_list(
-    "corridor_signed", [style.LIGHT, "#f4e6bd", "#ffffff", "#a3b9d2", "#002a55"]
-)
 CHANCE = 0.05
 # Columns of a map beyond which there is no room for numbers in its cells.
 CROWDED = 10
@@ -79,16 +75,16 @@ def counterpart(
     before: Comparison,
     after: Comparison | None = None,
     names: Sequence[str] | None = None,
-    what: str = "measured beside simulated",
+    what: str = "",
 ) -> Figure:
     """Measured beside simulated, a small panel a statistic; below each other before and after.
 
     names: statistics to show; default: those that leave the band farthest before, then those that
-    tell most of the block, nine together. Curves only: `counterpart_maps` draws the maps.
-    what: words of the title.
+    tell most of the block, five together. Curves only: `counterpart_maps` draws the maps.
+    what: words of the title; default: what the picture says.
     """
     chosen = _chosen(before, names)
-    title = f"{short(before.name, 40)}: {what}"
+    title = f"{short(before.name, 40)}: {what or _message(before, after)}"
     if not chosen:
         return style.sentence("No statistic could be formed.", title)
     cases = [("before", before)] + ([("after", after)] if after is not None else [])
@@ -199,11 +195,11 @@ def counterpart_maps(before: Comparison, after: Comparison | None = None) -> Fig
             axes.set_ylabel(text, size=style.SMALL, color=style.INK, labelpad=1)
             if len(cases) > 1:
                 _word(axes, word)
-    style.shade_bar(figure, image, style.WIDTH - 0.72, above, height, "deviations")
+    style.shade_bar(figure, image, style.WIDTH - 0.72, above, height, "sigmas")
     keys = [
-        Patch(fc="white", ec=style.INK, lw=1.2, label="outside the 95 % band (deviations)"),
-        Patch(fc=style.LIGHT, lw=0, label="measured below simulated"),
-        Patch(fc="#002a55", lw=0, label="above"),
+        Patch(fc="white", ec=style.INK, lw=1.2, label="outside the 95 % band, with its sigmas"),
+        Patch(fc=style.LIGHT, hatch=style.HATCH, ec=style.INK, lw=0, label="measured below"),
+        Patch(fc="#002a55", lw=0, label="above simulated"),
     ]
     style.legend(figure, 0.86, keys)
     return figure
@@ -259,6 +255,16 @@ def _note(before: Comparison, after: Comparison | None) -> str:
     )
 
 
+def _message(before: Comparison, after: Comparison | None) -> str:
+    """What a picture of curves says, for its title."""
+    was = len(before.leaving)
+    if after is None:
+        return f"{was} statistics are not what the model would produce" if was else (
+            "measured as the model would produce it"
+        )  # fmt: skip
+    return f"{was} statistics disagreed before, {len(after.leaving)} do after"
+
+
 def _number(value: float) -> str:
     return f"{value:,.0f}" if value >= 10 else f"{value:.1f}"
 
@@ -309,7 +315,7 @@ def _unit(unit: str, limits: tuple[float, float]) -> tuple[float, str]:
     if unit == "s" and most < 0.5:
         return 1e3, "ms"
     if unit == "stated deviations":
-        return 1.0, "deviations"
+        return 1.0, "sigmas"
     return 1.0, unit
 
 
@@ -358,7 +364,7 @@ def _names(axes: Axes, names: Sequence[str], wide: bool) -> None:
 def _map(axes: Axes, one: Compared | None):
     if one is None:
         axes.set_axis_off()
-        return axes.imshow(np.zeros((1, 1)), cmap=SIGNED, vmin=-DARKEST, vmax=DARKEST)
+        return axes.imshow(np.zeros((1, 1)), cmap=style.SIGNED, vmin=-DARKEST, vmax=DARKEST)
     statistic = one.statistic
     columns, rows = statistic.shape
     grid = np.full(rows * columns, np.nan)
@@ -369,8 +375,9 @@ def _map(axes: Axes, one: Compared | None):
     x = first[0] + step[0] * (np.arange(columns + 1) - 0.5)
     y = first[1] + step[1] * (np.arange(rows + 1) - 0.5)
     image = axes.pcolormesh(
-        x, y, grid.reshape(rows, columns), cmap=SIGNED, vmin=-DARKEST, vmax=DARKEST
+        x, y, grid.reshape(rows, columns), cmap=style.SIGNED, vmin=-DARKEST, vmax=DARKEST
     )
+    style.hatch_below(axes, style.cells_of(x, y), np.nan_to_num(grid))
     for cell, out in zip(statistic.cells, one.outside, strict=True):
         if out:
             i, j = cell % columns, cell // columns

@@ -67,18 +67,26 @@ def curves(panels: Sequence[Panel], title: str, note: str = "") -> Figure:
     return figure
 
 
-def histograms(
+def estimates(
     draws: Mapping[str, np.ndarray], truth: Mapping[str, float], title: str, note: str = ""
 ) -> Figure:
     """Estimates of several draws, one panel a parameter, the true value as a line.
+
+    A dot a draw, in order of size; grey is the mean and one standard deviation to either side.
 
     draws: "name (unit)" -> (draws,); truth: the same names.
     """
     figure, (row,) = style.charts(title, note, [2.85], len(draws))
     for axes, (name, values) in zip(row, draws.items(), strict=True):
-        axes.hist(values, bins=max(6, len(values) // 4), color=style.DARK, rwidth=0.92)
-        axes.axvline(truth[name], color=style.MIDDLE, lw=1.6, ls="--")
+        # A dot a draw: bars of a few draws look skewed where they are not.
+        order = np.arange(1, len(values) + 1)
+        mean, spread = np.mean(values), np.std(values, ddof=1)
+        axes.axvspan(mean - spread, mean + spread, color=style.FAINT, alpha=0.45, lw=0, zorder=0)
+        axes.axvline(mean, color=style.QUIET, lw=0.8, zorder=1)
+        axes.axvline(truth[name], color=style.MIDDLE, lw=1.6, ls="--", zorder=2)
+        axes.plot(np.sort(values), order, zorder=3, **style.dot("o", style.DARK, 4))
+        axes.set_ylim(0, len(values) + 1)
         axes.ticklabel_format(useOffset=False)
-        style.caption(axes, f"{np.mean(values):.1f} \u00b1 {np.std(values, ddof=1):.1f}")
-        style.label(axes, name, "draws" if axes is row[0] else None)
+        style.caption(axes, f"{mean:.1f} \u00b1 {spread:.1f}")
+        style.label(axes, name, "draws, in order of size" if axes is row[0] else None)
     return figure

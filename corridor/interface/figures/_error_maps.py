@@ -32,7 +32,8 @@ def error_maps(cases: Mapping[str, pd.DataFrame], title: str = "errors on the gr
     height = maps.map_height(limits, width, 3.0)
     step = height + 0.92
     note = (
-        "adjusted minus given \u00b7 one scale a row \u00b7 height: blue too high, yellow too low"
+        "adjusted minus given \u00b7 one scale a row \u00b7 height: upwards (blue) too high, "
+        "downwards (yellow) too low"
     )
     figure = style.sheet(1.0 + step * len(cases) + 0.1, title, note)
     worst = max(

@@ -124,8 +124,10 @@ def _sigmas(axes, exposures, good, curve, max_sigma, span, size) -> list[Line2D]
     values = np.concatenate([sigma.ravel(), every[inside].ravel()])
     values = values[np.isfinite(values) & (values > 0)]
     scale, unit = _time_scale(span)
-    style.label(axes, f"time since {_clock(span[0])} ({unit})", "sigma (mm)")
-    axes.set_xlim(0, (span[1] - span[0]) / scale)
+    shown = time[(time >= span[0]) & (time <= span[1])]
+    start = float(shown.min()) if len(shown) else span[0]
+    style.label(axes, f"time since {_clock(start)} ({unit})", "sigma (mm)")
+    axes.set_xlim((span[0] - start) / scale, (span[1] - start) / scale)
     if not len(values):
         axes.set_yticks([])
         style.quiet(axes, "the track states no sigmas")
@@ -134,7 +136,7 @@ def _sigmas(axes, exposures, good, curve, max_sigma, span, size) -> list[Line2D]
     for k, (name, colour, dash) in enumerate(_AXES):
         for number in np.unique(curve["segment"]):
             rows = inside & (curve["segment"] == number).to_numpy()
-            at = (curve["time_s"].to_numpy(dtype=float)[rows] - span[0]) / scale
+            at = (curve["time_s"].to_numpy(dtype=float)[rows] - start) / scale
             axes.plot(at, every[rows, k], color=colour, ls=dash, lw=0.8, zorder=2)
         keys.append(style.key(f"sigma {name}", color=colour, ls=dash, lw=1.2))
     keys[-1].set_label("sigma z (lines: halfway between epochs)")
@@ -143,7 +145,7 @@ def _sigmas(axes, exposures, good, curve, max_sigma, span, size) -> list[Line2D]
     top = max(values.max(), 1000 * max_sigma if max_sigma and (~good).any() else 0.0)
     rows = good & known
     dot = style.dot("o", style.DARK, 0.8 * size, line=0.0)
-    at = (time - span[0]) / scale
+    at = (time - start) / scale
     axes.plot(at[rows], largest[rows], zorder=4, clip_on=False, **dot)
     keys.append(style.key("exposure, largest of the three", **dot | {"ms": 4.5}))
     rows = ~good & known & (time >= span[0]) & (time <= span[1])

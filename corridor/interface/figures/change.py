@@ -8,15 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 
 from corridor.interface.figures import maps, style
 
-# Its lightness grows: in grey print, too, what sank is dark and what rose is light.
-_BOTH = colormaps["cividis"]
+_BOTH = style.SIGNED
 
 
 def of_change(change) -> dict[str, tuple[Figure, str]]:
@@ -103,6 +101,8 @@ def _maps(surface, title: str, panels: list[_Panel]) -> Figure:
     height = maps.map_height(limits, width, 3.4)
     step = height + 0.75
     note = f"{len(surface):,} core points, cylinders of {surface.cores.radius:.1f} m radius"
+    if any(panel.colours is _BOTH for panel in panels):
+        note += " \u00b7 yellow and hatched: lower; blue: higher"
     figure = style.sheet(1.0 + len(panels) * step, title, note)
     for row, panel in enumerate(panels):
         top = 1.05 + row * step
@@ -117,6 +117,8 @@ def _maps(surface, title: str, panels: list[_Panel]) -> Figure:
             **panel.limits,
         )  # fmt: skip
         axes.add_collection(image)
+        if panel.colours is _BOTH:
+            style.hatch_below(axes, cells[some], panel.value[some])
         style.caption(axes, panel.name)
         if row < len(panels) - 1:
             axes.set_xlabel("")

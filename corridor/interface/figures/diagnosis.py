@@ -22,7 +22,6 @@ FOUND = style.dot("D", style.LIGHT, 4.8, style.INK)
 BESIDE = style.dot("o", "white", 4.8, style.INK)
 LIMITS = {
     "named": ("-", "named"),
-    "beside_noise": (":", "named (GNSS)"),
     "suspected": ("--", "suspected"),
 }
 
@@ -33,8 +32,8 @@ def evidence_bars(
     """Log evidence of every candidate as bars on a logarithmic scale, beside the thresholds.
 
     evidence: name, generic, found (bool), alone and beside (log evidence by itself, and beside
-    what was found), a row a candidate, drawn in their order. threshold: `named`, `suspected`, and
-    `beside_noise` for what is named though noise of the antenna looks like it.
+    what was found), a row a candidate, drawn in their order. threshold: `named` and
+    `suspected`.
     What is below one is not drawn: such a candidate explains nothing.
     """
     title = f"{short(name, 40)}: evidence of all candidates"
@@ -51,6 +50,9 @@ def evidence_bars(
     axes.set(xscale="log", xlim=(LEAST, 1.6 * most), ylim=(rows - 0.4, -0.6))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
     axes.yaxis.set_major_locator(NullLocator())
+    # Between them a candidate is suspected.
+    ends = (max(threshold[limit], LEAST) for limit in ("suspected", "named"))
+    axes.fill_betweenx([-0.6, rows - 0.4], *ends, color=style.FAINT, alpha=0.45, lw=0, zorder=0)
     for limit, (dashes, _) in LIMITS.items():
         axes.axvline(max(threshold[limit], LEAST), color=style.INK, lw=1.0, ls=dashes, zorder=1)
     for k, row in enumerate(evidence.itertuples(index=False)):

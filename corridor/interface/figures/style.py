@@ -13,8 +13,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -30,6 +32,9 @@ MIDDLE = "#bb5566"
 LIGHT = "#ddaa33"
 SERIES = ((DARK, "o"), (LIGHT, "^"), (MIDDLE, "s"), (INK, "D"))
 COUNTS = LinearSegmentedColormap.from_list("corridor_counts", ["#ffffff", "#9fb8d1", "#00305f"])
+SIGNED = LinearSegmentedColormap.from_list(
+    "corridor_signed", [LIGHT, "#f4e6bd", "#ffffff", "#a3b9d2", "#002a55"]
+)
 SHADES = LinearSegmentedColormap.from_list("corridor_shades", ["#ffffff", "#d3d3d3"])
 
 TITLE, TEXT, SMALL = 11.0, 8.5, 7.5
@@ -226,6 +231,29 @@ def shade_bar(
     for spine in axes.spines.values():
         spine.set(color=QUIET, linewidth=0.6)
     label(axes, y=text)
+
+
+HATCH = "////"
+
+
+def hatch_below(axes: Axes, corners: np.ndarray, values: np.ndarray) -> None:
+    """Hatches the cells of a signed map that lie below zero, so that grey print shows the sign.
+
+    corners: (n, 4, 2) data coordinates; values: (n,).
+    """
+    # Thin lines: the shade stays readable below them.
+    with rc_context({"hatch.linewidth": 0.5}):
+        below = PolyCollection(corners[values < 0], facecolor="none", edgecolor=INK, lw=0)
+        below.set(hatch=HATCH, zorder=3)
+        axes.add_collection(below)
+
+
+def cells_of(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """(rows x columns, 4, 2) corners of the cells between edges along x and along y, row by row."""
+    left, low = (edges.ravel() for edges in np.meshgrid(x[:-1], y[:-1]))
+    right, high = (edges.ravel() for edges in np.meshgrid(x[1:], y[1:]))
+    around = [(left, low), (right, low), (right, high), (left, high)]
+    return np.stack([np.column_stack(corner) for corner in around], axis=1)
 
 
 def sentence(text: str, title: str) -> Picture:

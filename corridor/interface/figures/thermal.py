@@ -17,10 +17,10 @@ from corridor.interface.figures._residual_vectors import arrows, stated_arrow
 if TYPE_CHECKING:
     from corridor.tools.thermal import CameraDifference, Fit, Maps
 
-_MAP = "cividis"  # its lightness grows: the sign shows in grey print too
 # The lighter half of the counts: arrows show on it in grey print too.
 _PALE = style.COUNTS.resampled(256).from_list("corridor_pale", style.COUNTS(np.linspace(0, 0.5)))
-_LEFT, _GAP, _KEY = 0.75, 0.6, 0.95
+# Inches: beside the maps, between two, and for the key of a scale.
+_LEFT, _GAP, _KEY = 0.75, 0.45, 0.95
 
 
 def deformation_maps(maps: Maps, picture: int | None = None, null: int | None = None) -> Figure:
@@ -28,8 +28,9 @@ def deformation_maps(maps: Maps, picture: int | None = None, null: int | None = 
 
     maps: of a series. picture: row; default the one that moved most. null: row of the null map;
     default the usable picture, not the reference itself, with the temperature nearest to it.
-    Upper row dx, dy on one scale, and arrows; lower row dx, dy of the null map and the predicted
-    sigma of the first picture, on one scale. px; nodes that are not valid stay white.
+    Upper row dx, dy less their means, on one scale, and arrows of the whole; lower row dx, dy of
+    the null map on one scale, and the predicted sigma of the first picture on its own, from zero.
+    px; nodes that are not valid stay white, what is below zero is hatched.
     """
     title = "Deformation maps"
     usable = np.flatnonzero(maps.valid.any(axis=1))
@@ -42,24 +43,31 @@ def deformation_maps(maps: Maps, picture: int | None = None, null: int | None = 
         picture = int(usable[np.argmax(np.nanmean(length[usable], axis=1))])
     if null is None:
         null = _nearest(maps, usable)
-    wide = (style.WIDTH - _LEFT - 2 * _GAP - _KEY) / 3
+    wide = (style.WIDTH - _LEFT - _GAP - 2 * _KEY) / 3
     tall = min(wide * maps.height / maps.width, 1.3 * wide)
     row = tall + 0.95
-    note = f"{_note(maps, picture)} \u00b7 null map: {_note(maps, null)}"
+    note = f"{_note(maps, picture)} \u00b7 null map: {_note(maps, null)} \u00b7 hatched: below zero"
     figure = style.sheet(1.15 + 2 * row, f"{title}: {short(maps.picture[picture], 40)}", note)
-    measured = {"dx": maps.dx[picture], "dy": maps.dy[picture]}
+    measured = {}
+    for name, values in (("dx", maps.dx[picture]), ("dy", maps.dy[picture])):
+        mean = float(np.nanmean(values))
+        measured[f"{name} less its mean of {mean:+.2f} px"] = values - mean
     calm = {
         f"null map ({short(maps.picture[null], 18)}): dx": maps.dx[null],
         "null map: dy": maps.dy[null],
-        "predicted sigma": maps.sigma[picture],
     }
-    left = [_LEFT + k * (wide + _GAP) for k in range(3)]
-    for top, fields, unit in ((1.15, measured, "dx, dy (px)"), (1.15 + row, calm, "px")):
+    left = [_LEFT, _LEFT + wide + _GAP, style.WIDTH - _KEY - wide]
+    for top, fields in ((1.15, measured), (1.15 + row, calm)):
         norm = _about_zero(fields.values())
         for k, (name, values) in enumerate(fields.items()):
             axes = style.panel(figure, left[k], top, wide, tall)
             image = _field(axes, maps, values, norm, name, k == 0)
-        style.shade_bar(figure, image, left[2] + wide + 0.2, top, tall, unit)
+        style.shade_bar(figure, image, left[1] + wide + 0.15, top, tall, "px")
+    axes = style.panel(figure, left[2], 1.15 + row, wide, tall)
+    sigma = maps.sigma[picture]
+    norm = Normalize(0, 1.02 * float(np.nanpercentile(sigma, 99.5)) + 1e-9)
+    image = _field(axes, maps, sigma, norm, "predicted sigma", False, style.COUNTS)
+    style.shade_bar(figure, image, left[2] + wide + 0.15, 1.15 + row, tall, "px")
     axes = style.panel(figure, left[2], 1.15, wide, tall)
     _vectors(figure, axes, maps, picture, left[2], 1.15, wide)
     return figure
@@ -186,11 +194,14 @@ def _about_zero(fields):
     return Normalize(-most, most)
 
 
-def _field(axes: Axes, maps, values, norm, name, first):
+def _field(axes: Axes, maps, values, norm, name, first, colours=style.SIGNED):
     x, y = np.unique(maps.x), np.unique(maps.y)
     grid = np.full((len(y), len(x)), np.nan)
     grid[np.searchsorted(y, maps.y), np.searchsorted(x, maps.x)] = values
-    image = axes.pcolormesh(x, y, grid, cmap=_MAP, norm=norm, shading="nearest")
+    image = axes.pcolormesh(x, y, grid, cmap=colours, norm=norm, shading="nearest")
+    if colours is style.SIGNED and len(x) > 1 and len(y) > 1:
+        edges = (np.append(at - np.diff(at)[0] / 2, at[-1] + np.diff(at)[-1] / 2) for at in (x, y))
+        style.hatch_below(axes, style.cells_of(*edges), np.nan_to_num(grid).ravel())
     style.caption(axes, name)
     _frame(axes, maps, first)
     return image
@@ -223,3 +234,4 @@ def _frame(axes, picture, first):
         Rectangle((-0.5, -0.5), picture.width, picture.height, fill=False, ec=style.QUIET, lw=0.6)
     )
     style.label(axes, "x (px)", "y (px)" if first else None)
+    axes.tick_params(labelleft=first)  # beside it stand the same rows, or a scale

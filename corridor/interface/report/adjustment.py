@@ -359,6 +359,10 @@ def _observations(adjustment: Adjustment) -> Table:
     if gross:
         left_out = "RMS and sigma naught of a line leave out gross errors, beyond 15 robust sigmas"
         notes.insert(0, f"{left_out}: {', '.join(gross)}")
+    correlated = adjustment.correlated_kinds
+    if correlated:
+        named = ", ".join(_KINDS[kind] for kind in correlated)
+        notes.append(f"adjusted with the correlations of their coordinates: {named}")
     header = ("residuals", "count", "outliers", "RMS", "sigma naught")
     return Table("Observations", header, tuple(rows), "lrrlr", tuple(notes))
 

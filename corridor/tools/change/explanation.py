@@ -196,11 +196,11 @@ class Explanation:
             return "moved"
         if not self.as_adjusted.significant:
             return "nothing"
-        told = self.visible or self.explained > 0.5
-        if any(self.shown) and told and not self.shown_modelled.significant:
-            return "camera"
         # As a whole alone, a map of hundreds of cells is significant where its sigmas are a little
         # too small: that is no change of any place.
+        told = self.visible or self.explained > 0.5
+        if any(self.shown) and told and not self.shown_modelled.located:
+            return "camera"
         return "undecided" if self.as_adjusted.located else "nothing"
 
 

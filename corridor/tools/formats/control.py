@@ -69,7 +69,7 @@ def add_ground(
     with blaming(path, "a file of ground points"):
         ground = read_ground(path, project.block)
         if crs is not None:
-            if ground.crs not in (None, crs):
+            if ground.crs not in (None, crs) and not _both_geographic(ground.crs, crs):
                 raise InputError(
                     f"its coordinates are in {ground.crs[:60]}; --ground-crs {crs} contradicts it"
                 )
@@ -107,6 +107,11 @@ def add_ground(
             "give the surveyed ones, or their standard deviation (sz in ground.csv)"
         ]
     )
+
+
+def _both_geographic(crs: str, other: str) -> bool:
+    """Whether both count latitude and longitude, as a header says it that names no datum."""
+    return crs == GEOGRAPHIC and known_crs(other).is_geographic
 
 
 def _with_place(project: Project, ground: Ground) -> Project:

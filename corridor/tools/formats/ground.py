@@ -8,6 +8,7 @@ they are; where they then lie far from what the images see, they are refused (`p
 
 from __future__ import annotations
 
+import csv
 import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -28,6 +29,8 @@ from corridor.tools.formats.project import Project, Views, apart, ground_table
 _XYZ = ["x", "y", "z"]
 # Points of one name are the same where they lie apart by less than this share of their extent.
 _ALIKE = 0.05
+# What begins a line that says nothing, in the lists that programs and people write.
+_COMMENTS = ("#", "%", ";", "//")
 _UTM = re.compile(r"(?i)WGS84\s+UTM\s+(\d{1,2})\s*([NS])")
 
 
@@ -76,7 +79,9 @@ def read_ground(path: Path, block: Block) -> Ground:
 
 def is_gcp_list(head: str) -> bool:
     """Whether a text is a gcp_list.txt: lines of x y z column row image, or a system before all."""
-    rows = [row for row in head.splitlines() if row.strip() and not row.lstrip().startswith("#")]
+    rows = [
+        row for row in head.splitlines() if row.strip() and not row.lstrip().startswith(_COMMENTS)
+    ]
     if not rows:
         return False
     if crs_of_line(rows[0]) is not None:
@@ -93,9 +98,11 @@ def crs_of_line(text: str) -> str | None:
     match = _UTM.fullmatch(text)
     if match:
         return f"EPSG:{(32600 if match[2].upper() == 'N' else 32700) + int(match[1])}"
-    code = re.fullmatch(r"(?i)(EPSG:\d+)\s*(?:\+\s*(?:EPSG:)?(\d+))?", text)
+    code = re.fullmatch(r"(?i)(?:EPSG[:\s]*)?(\d{4,6})\s*(?:\+\s*(?:EPSG:)?(\d+))?", text)
     if code:
-        return code[1].upper() + (f"+{code[2]}" if code[2] else "")
+        return f"EPSG:{code[1]}" + (f"+{code[2]}" if code[2] else "")
+    if re.match(r"(?i)urn:ogc:def:crs:|OGC:CRS", text) or " / " in text:
+        return _by_name(text)
     if "+proj=" in text or re.match(r"[A-Z_]{4,}\s*\[", text):
         return text
     return None
@@ -108,11 +115,12 @@ def read_gcp_list(path: Path) -> Ground:
     pixel. Feet become metres, in height too. Raises InputError naming file and line.
     """
     rows, crs = [], None
-    for line in filled(path, comment="#"):
+    for line in filled(path, comment=_COMMENTS):
         if crs is None:
             crs = _known_system(line)
             continue
-        words = line.text.split()
+        # A name may stand in quotes, and have blanks in them.
+        words = next(csv.reader([" ".join(line.text.split())], delimiter=" "))
         if len(words) == 5 and not _is_number(words[4]):
             # x y column row image: a point without height
             words = [*words[:2], "0", *words[2:]]
@@ -138,6 +146,17 @@ def read_gcp_list(path: Path) -> Ground:
             )
         marks.append((name, image, *pixel))
     return Ground(path, crs, ground_table(list(places), list(places.values())), marks)
+
+
+def _by_name(text: str) -> str | None:
+    """A system by its URN or its whole name (`WGS 84 / UTM zone 30N`), None where it is none."""
+    try:
+        system = known_crs(text)
+    except InputError:
+        return None
+    # PROJ takes a part of a name for the whole.
+    plain, known = (re.sub(r"[^a-z0-9]", "", name.lower()) for name in (text, system.name))
+    return text if ":" in text or plain == known else None
 
 
 def _known_system(line: Line) -> str:

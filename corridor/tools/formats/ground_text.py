@@ -22,14 +22,16 @@ from corridor.core.textfile import Line, filled
 from corridor.tools.formats.project import ground_table
 
 # What columns are called, without units, accents, blanks and case. Several words for one column
-# are those of receivers, of Metashape, Pix4D and OpenDroneMap, and of English and German tables.
+# are those of receivers, of Metashape, Pix4D and OpenDroneMap, and of English, German, French,
+# Italian and Spanish tables.
 _WORDS = {
     "point": "point name id label pt gcp pointid pointname marker no nr number nummer punkt "
-    "punktnummer pnr p pid station gcpname gcplabel pointnumber targetname target",
-    "x": "x e east easting eastings rechtswert ost est xeasting eastingx xe",
-    "y": "y n north northing northings hochwert nord ynorthing northingy yn",
+    "punktnummer pnr p pid station gcpname gcplabel pointnumber targetname target nom nome nombre "
+    "punto",
+    "x": "x e east easting eastings rechtswert ost est este xeasting eastingx xe",
+    "y": "y n north northing northings hochwert nord norte ynorthing northingy yn",
     "z": "z h height elevation elev el ele alt altitude hoehe u up zaltitude ellipsoidalheight "
-    "orthometricheight orthoheight heightellipsoidal hoehen zelevation",
+    "quota cota hoogte orthometricheight orthoheight heightellipsoidal hoehen zelevation",
     "lon": "lon long lng longitude laenge xlongitude",
     "lat": "lat latitude breite ylatitude",
     "sx": "sx stdx sigmax sdx accx xaccuracy accuracyx xacc stde sde seast sigmae eastaccuracy xm "
@@ -48,6 +50,8 @@ _WORDS = {
 _COLUMN = {word: column for column, words in _WORDS.items() for word in words.split()}
 _PLACE = ("x", "y", "z")
 _ROLE = {"gcp": "control", "controlpoint": "control", "checkpoint": "check", "3dgcp": "control"}
+# A semicolon is none: before it a cell may be empty.
+_COMMENTS = ("#", "%", "//")
 _SEPARATORS = "\t;,"
 _LETTERS = {"P": "point", "N": "y", "E": "x", "Z": "z", "D": ""}
 
@@ -69,11 +73,11 @@ class Table:
 def read_text(path: Path) -> Table:
     """Ground points of a text: cells between tabs, semicolons, commas or blanks, quoted or not.
 
-    Comments begin with #; the header is the first line that is none. Raises InputError naming file
-    and line.
+    Comments begin with #, % or //; the header is the first line that is none. Raises InputError
+    naming file and line.
     """
     rows, header = [], None
-    found = list(filled(path, comment="#"))
+    found = list(filled(path, comment=_COMMENTS))
     # Metashape begins its header with a #.
     commented = [line for line in filled(path) if line.text.lstrip().startswith("#")]
     separator = _separator(found)

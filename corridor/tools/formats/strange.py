@@ -60,6 +60,8 @@ def strange(path: Path) -> str:
         return (
             "a trajectory of POSPac: give it with --track where it is text with time and positions"
         )
+    if head.startswith("OPENSFM_TRACKS") or _is_tracks(head):
+        return "the tracks of an OpenSfM project: name the folder in which reconstruction.json is"
     if ending == ".toml" and "[[flight]]" in opening(path):
         return _PLAN
     if is_gcp_list(head):
@@ -69,6 +71,12 @@ def strange(path: Path) -> str:
     if ending in (".jpg", ".jpeg", ".tif", ".tiff", ".dng", ".png"):
         return "one photograph: name the folder of all of them, as `corridor import photos FOLDER`"
     return ""
+
+
+def _is_tracks(head: str) -> bool:
+    """Whether a text has the rows of OpenSfM's tracks.csv, whose first version has no header."""
+    cells = head.split("\n", 1)[0].split("\t")
+    return len(cells) >= 8 and all(map(str.isdecimal, cells[1:3]))
 
 
 def _folder(path: Path) -> str:

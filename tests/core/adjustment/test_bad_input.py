@@ -106,7 +106,7 @@ class TestTooFewMeasurements:
 
     def test_images_without_any_point(self, block):
         bare = corridor.Block(name="bare", cameras=block.cameras, images=block.images)
-        refused(bare, "neither holds an observation", "add rows")
+        refused(bare, "images.csv, row 2", "8 more images", "measure more")
 
     def test_strips_that_share_no_point(self):
         """A free network of two halves: nothing says where one lies to the other."""
@@ -225,7 +225,14 @@ class TestSingularDatum:
 
     def test_a_drift_at_one_time(self, block):
         block.images["time_s"] = 10.0
-        refused(block, "images.csv, row 3", "stands still", effects=["focal_drift"])
+        refused(block, "focal_drift.rate", "cannot be determined", effects=["focal_drift"])
+
+    @pytest.mark.slow
+    def test_a_drift_of_each_image(self, block):
+        """One epoch an image tells of no drift where its own time is the middle of the block."""
+        block.images["time_s"] = 10.0
+        refused(block, "rate of effect focal_drift cannot be determined for image",
+                "focal_drift@flight", effects=["focal_drift@image"])  # fmt: skip
 
 
 class TestWhatAnEffectNeeds:

@@ -266,6 +266,18 @@ class TestBlock:
         assert block.mark_sigma() ** 4 == pytest.approx(np.linalg.det(whole))
 
 
+class TestReport:
+    def test_the_report_says_which_measurements_are_correlated(self):
+        told = "adjusted with the correlations of their coordinates"
+        adjusted = corridor.adjust(flown())
+        assert adjusted.correlated_kinds == ["tie", "mark", "gnss", "control"]
+        assert f"{told}: tie points, marks, GNSS, control" in str(adjusted)
+        adjusted = corridor.adjust(flown(pictures=False))
+        assert adjusted.correlated_kinds == ["gnss", "control"]
+        block = corridor_block(images=10, strips=2, observations_per_image=60, control=4)
+        assert told not in str(corridor.adjust(block))
+
+
 class TestWrongControl:
     def test_a_wrong_coordinate_of_correlated_control_is_named(self):
         block = flown(control=6)

@@ -5,6 +5,7 @@ import pytest
 from strips import corridor_block
 
 import corridor
+from corridor.core.adjustment import left_out
 from corridor.core.preparation import doubts
 
 
@@ -31,6 +32,26 @@ def test_positions_that_are_all_the_same_are_left_out_and_said_to_be():
         corridor.adjust(block, strict=True)
 
 
+def test_positions_at_two_places_are_left_out_and_said_to_be():
+    block = flown(images=14)
+    block.gnss[["x", "y", "z"]] = [40.0, 0.0, 60.0]
+    block.gnss.loc[block.gnss.index[7:], "x"] = 41.0
+    found = corridor.adjust(block)
+    assert any("14 positions stand at 2 places" in s for s in found.warnings)
+    # Each image of a flight has its own.
+    flight = flown(images=14)
+    assert len(corridor.adjust(flight).residuals["gnss"]) == 14
+
+
+def test_a_climb_at_one_place_is_a_flight():
+    block = flown(images=14)
+    given = block.gnss.copy()
+    given[["x", "y"]] = [40.0, 0.0]
+    given["z"] = 60.0 + 3.0 * np.arange(14)
+    block.gnss = given
+    assert left_out._without_one_position(block, strict=False) == (block, [])
+
+
 def test_exact_control_is_held_to_all_digits():
     block = flown()
     block.ground[["sx", "sy", "sz"]] = 0.0
@@ -48,6 +69,25 @@ def test_marks_of_resized_pictures_are_told(factor):
     block.marks[["x", "y"]] = (block.marks[["x", "y"]] + 0.5) * factor - 0.5
     (told,) = [s for s in doubts(block) if "by one factor" in s]
     assert f"{factor:.2f}" in told
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda xy, size: xy * [1, -1] + [0, size[1] - 1], "y were counted upwards"),
+        (lambda xy, size: size - 1 - xy, "turned by 180 degrees"),
+        (lambda xy, size: xy * [-1, 1] + [size[0] - 1, 0], "mirrored"),
+        (lambda xy, size: xy[:, ::-1], "x and y were exchanged"),
+    ],
+)
+def test_marks_of_turned_and_mirrored_pictures_are_told(change, said):
+    block = flown()
+    assert not [s for s in doubts(block) if "Marks lie" in s]
+    camera = next(iter(block.cameras.values()))
+    size = np.array([camera.width, camera.height])
+    block.marks[["x", "y"]] = change(block.marks[["x", "y"]].to_numpy(), size)
+    (told,) = [s for s in doubts(block) if "Marks lie" in s]
+    assert said in told
 
 
 def hanging():

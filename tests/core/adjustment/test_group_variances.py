@@ -67,6 +67,33 @@ class TestOneBlockOfFalsePositions:
         kept = corridor.adjust(block, reject_gnss=True).residuals["gnss"]["image"]
         assert set(block.gnss["image"]) - set(kept) == false
 
+    def test_single_ones_are_left_out_too(self):
+        """Six of 36, each off by another vector."""
+        block, rows = flown(), [3, 8, 13, 20, 26, 31]
+        off = np.random.default_rng(2).normal(0.0, 0.4, (6, 3))
+        block.gnss.loc[rows, ["x", "y", "z"]] += off
+        kept = corridor.adjust(block, reject_gnss=True).residuals["gnss"]["image"]
+        assert set(block.gnss["image"]) - set(kept) == set(block.gnss["image"].iloc[rows])
+
+    @pytest.mark.parametrize(
+        ("where", "off"),
+        [
+            (slice(27, 36), (0.25, -0.15, 0.40)),
+            (slice(0, 8), (0.0, 0.0, 0.6)),
+            (slice(13, 17), (0.5, 0.4, 0.0)),
+            ([4, 5, 6, 7, 28, 29, 30, 31], (-0.25, 0.15, 0.40)),
+            (slice(18, 29), (0.5, -0.3, 0.8)),
+        ],
+    )
+    def test_wherever_they_are_and_whichever_way_off(self, where, off):
+        block = flown()
+        names = set(block.gnss["image"].iloc[where])
+        block.gnss.loc[block.gnss["image"].isin(names), ["x", "y", "z"]] += np.array(off)
+        found = corridor.adjust(block)
+        told = next(s for s in found.warnings if "disagree with all others by one vector" in s)
+        assert told.startswith(f"{len(names)} GNSS positions")
+        assert found.check_rms.z < corridor.adjust(flown()).check_rms.z + 0.005
+
     def test_stated_weights_stay_where_they_are_asked_for(self):
         block, _ = self.false()
         found = corridor.adjust(block, weights="stated")
@@ -93,19 +120,28 @@ class TestWhatAllShare:
             pulls.append(check[["dx", "dy", "dz"]].to_numpy() / check[["sx", "sy", "sz"]])
         assert np.sqrt(np.mean(np.square(np.concatenate(pulls)))) < 1.7
 
-    def test_two_datums_are_told_and_control_decides(self):
+    @pytest.mark.parametrize(
+        "vector", [(30.0, 0, 0), (0, 0, 45.0), (0, -0.5, 0), (-1.0, 1.0, 0), (0.2, 0, 0)]
+    )
+    def test_two_datums_are_told_and_control_decides(self, vector):
         block = flown(lever_arm=(0.0, 0.0, 0.0))
         block.lever_arm, block.lever_arm_fixed = {"default": (0.0, 0.0, 0.0)}, True
-        block.gnss["x"] += 30.0
+        block.gnss[["x", "y", "z"]] += np.array(vector, float)
         found = corridor.adjust(block)
         told = next(s for s in found.warnings if "GNSS and ground control disagree" in s)
-        assert "+30.0" in told and "another datum" in told
+        assert "another datum" in told
+        values = found.effects.query("slug == 'gnss_bias' or slug == 'gnss_bias@flight'")
+        off = values["value"].to_numpy().reshape(-1, 3) - vector
+        assert np.abs(off).max() < 0.1
         assert found.check_rms.d3 < 0.05
 
-    def test_blunders_of_every_point_that_are_one_vector_are_no_blunders(self):
+    @pytest.mark.parametrize(
+        "vector", [(30.0, 0, 0), (0, 0, 45.0), (0, -0.5, 0), (-1.0, 1.0, 0), (0.5, 0, 0)]
+    )
+    def test_blunders_of_every_point_that_are_one_vector_are_no_blunders(self, vector):
         block = flown(lever_arm=(0.0, 0.0, 0.0))
         block.lever_arm, block.lever_arm_fixed = {"default": (0.0, 0.0, 0.0)}, True
-        block.gnss["x"] += 30.0
+        block.gnss[["x", "y", "z"]] += np.array(vector, float)
         found = corridor.adjust(block, effects=["control_blunder"])
         assert any("no blunder of single points but a datum" in s for s in found.warnings)
 
@@ -119,11 +155,14 @@ class TestSurveyedTogether:
             block.ground["group"] = [groups[k % len(groups)] for k in range(len(names))]
         return block
 
-    def test_a_datum_moves_check_points_too(self):
+    @pytest.mark.parametrize(
+        "vector", [(0, 0, 0.3), (0, 0, -0.3), (1.0, 0, 0), (0.2, -0.2, 0.2), (-0.5, 0.1, 0)]
+    )
+    def test_a_datum_moves_check_points_too(self, vector):
         block = self.datum()
-        block.ground["z"] += 0.3
+        block.ground[["x", "y", "z"]] += np.array(vector, float)
         found = corridor.adjust(block, effects=["control_datum"])
-        assert found.check_rms.z < 0.03
+        assert found.check_rms.d3 < 0.03
 
     def test_each_group_has_its_own(self):
         block = self.datum(groups=["A", "B"])

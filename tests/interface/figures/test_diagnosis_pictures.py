@@ -48,7 +48,7 @@ def test_the_thresholds_are_where_they_are():
         for line in axes.lines
         if len(line.get_xdata()) == 2
     ]
-    assert upright == [(4.0, "-"), (3.0, ":"), (2.5, "--")]
+    assert upright == [(4.0, "-"), (2.5, "--")]
 
 
 def test_what_was_found_has_a_mark_of_its_own_at_what_it_brings_beside_the_others():

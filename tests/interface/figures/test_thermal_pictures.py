@@ -20,13 +20,25 @@ def test_maps_have_one_scale_a_row_and_units():
     figure = figures.deformation_maps(series())
     titled = [a for a in figure.axes if a.collections and a.get_title(loc="left")]
     meshes = [a.collections[0] for a in titled if a.get_title(loc="left") != "dx and dy"]
-    upper = [m for m in meshes if m.axes.get_title(loc="left") in ("dx", "dy")]
-    lower = [m for m in meshes if m not in upper]
+    named = {m.axes.get_title(loc="left"): m for m in meshes}
+    upper = [m for name, m in named.items() if "less its mean" in name]
+    lower = [m for name, m in named.items() if "null map" in name]
     for row in (upper, lower):
         ((low, high),) = {(m.norm.vmin, m.norm.vmax) for m in row}
         assert low == -high  # nothing moved is in the middle of the colours
-    assert len(upper) == 2 and len(lower) == 3
+    assert len(upper) == 2 and len(lower) == 2
+    assert named["predicted sigma"].norm.vmin == 0
     assert all("px" in label for label in labels(figure))
+
+
+def test_what_is_below_zero_is_hatched():
+    maps = series()
+    figure = figures.deformation_maps(maps)
+    axes = next(a for a in figure.axes if a.get_title(loc="left").startswith("dx less"))
+    below = [c for c in axes.collections if c.get_hatch()]
+    values = maps.dx[np.argmax(np.hypot(maps.dx, maps.dy).mean(axis=1))]
+    assert len(below) == 1
+    assert len(below[0].get_paths()) == np.count_nonzero(values < values.mean())
 
 
 def test_the_map_shown_is_the_one_that_moved_most():
@@ -42,7 +54,7 @@ def test_nodes_that_are_not_valid_stay_white():
         getattr(maps, name)[:, :50] = np.nan
     maps.valid[:, :50] = False
     figure = figures.deformation_maps(maps)
-    shown = [a.collections[0] for a in figure.axes if a.get_title(loc="left") == "dx"]
+    shown = [a.collections[0] for a in figure.axes if a.get_title(loc="left").startswith("dx less")]
     assert np.ma.count_masked(np.ma.masked_invalid(shown[0].get_array())) == 50
 
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+import struct
 
 import numpy as np
 import pandas as pd
@@ -10,7 +11,7 @@ import pytest
 from corridor import cli
 from corridor.core.adjustment import adjust
 from corridor.core.block import read
-from corridor.core.gnss import Local, in_world, local_table, moved
+from corridor.core.gnss import Local, convert, in_world, local_table, moved
 from corridor.core.preparation import doubts
 from corridor.core.simulation import Flight, Ground, Noise, Plan, simulate
 from corridor.tools import formats as interchange
@@ -195,8 +196,31 @@ def test_what_is_no_project_is_refused(tmp_path):
 # --- the Earth -------------------------------------------------------------------------------
 
 
-def test_twenty_kilometres_in_utm_are_good_in_the_local_frame_and_named_in_the_grid(tmp_path):
-    """Grid scale, convergence and curvature: none of them is an error in the local frame."""
+AROUND = 0.05 * np.arange(-20, 21)
+
+
+def made_geoid(path):
+    """A grid of undulations as PROJ reads it (.gtx): 47 m, sloping by some 30 mm a km, and uneven.
+
+    Source: PROJ's resource files, NOAA VDatum: south, west, steps (degrees), rows and columns as
+    big-endian numbers, then the values from the south-west corner on.
+    """
+    lat, lon = np.meshgrid(PLACE.lat_deg + AROUND, PLACE.lon_deg + AROUND, indexing="ij")
+    height = 47 + 3 * (lat - lat.mean()) + 2 * (lon - lon.mean())
+    height += 0.1 * np.sin(12 * lon) * np.cos(9 * lat)
+    head = struct.pack(">4d2i", lat[0, 0], lon[0, 0], 0.05, 0.05, *height.shape)
+    path.write_bytes(head + height.astype(">f4").tobytes())
+
+
+@pytest.mark.parametrize("heights", ["above the ellipsoid", "above the geoid"])
+def test_twenty_kilometres_in_utm_are_good_in_the_local_frame_and_named_in_the_grid(
+    tmp_path, heights
+):
+    """Grid scale, convergence, curvature, geoid: none of them is an error in the local frame."""
+    crs = "EPSG:25832"
+    if heights == "above the geoid":
+        made_geoid(tmp_path / "made.gtx")
+        crs = f"+proj=utm +zone=32 +datum=WGS84 +geoidgrids={tmp_path / 'made.gtx'} +no_defs"
     # Pictures from 800 m: 20 km with few images.
     plan = Plan(
         "long", (Flight("F1", 800.0, strips=2, forward=0.7, side=0.6, speed_m_s=30.0),),
@@ -204,14 +228,16 @@ def test_twenty_kilometres_in_utm_are_good_in_the_local_frame_and_named_in_the_g
         noise=Noise(tie_px=0.4, mark_px=0.4, gnss_m=(0.02, 0.02, 0.04), control_m=0.005),
     )  # fmt: skip
     flat = simulate(plan, seed=2)
-    flat.extra["local_frame"] = local_table(PLACE, "EPSG:25832")
+    flat.extra["local_frame"] = local_table(PLACE, crs)
     flat.lever_arm = {"F1": (0.10, -0.05, 0.35)}
-    grid = moved(flat, "EPSG:25832")
+    grid = moved(flat, crs)
+    if heights == "above the geoid":
+        crooked = convert(in_world(grid, grid.numbers("ground", *"xyz")), crs, "EPSG:4979")[:, 2]
+        lower = crooked - grid.ground["z"].to_numpy() - grid.offset[2]
+        assert 40 < lower.min() < lower.max() - 0.3
     grid.write(tmp_path / "grid")
     assert any("not a Cartesian frame" in told and "curves" in told for told in doubts(grid))
-    import_project(
-        tmp_path / "grid", "block", tmp_path / "local", added=Additions(to_crs="EPSG:25832")
-    )
+    import_project(tmp_path / "grid", "block", tmp_path / "local", added=Additions(to_crs=crs))
     # A free focal length, or a free lever arm, takes up the scale of the grid.
     local, plain = (
         adjust(read(tmp_path / name), camera="fixed", lever_arm="fixed")

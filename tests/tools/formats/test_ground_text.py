@@ -57,6 +57,8 @@ FORMS = {
         ("Pt;Northing [m];Easting [m];Elev. [m];Code", (*PNEZ, "target")), ";",
     ),
     "the letters of surveyors": (("PNEZD", (*PNEZ, "nail")), ","),
+    "French": (("Nom;Nord;Est;Altitude", PNEZ), ";"),
+    "comments of other programs": (("% Emlid\n// base A\nName,E,N,H", PENZ), ","),
     "German": (("Punktnummer;Rechtswert;Hochwert;Höhe", PENZ), ";"),
     "Metashape": (("#Label,X/Easting,Y/Northing,Z/Altitude", PENZ), ","),
     "names last": (("", (*PENZ[1:], "{p}")), ","),
@@ -80,13 +82,14 @@ def test_every_form_gives_the_same_points(tmp_path, form, separator):
     assert np.abs(made[["x", "y", "z"]].to_numpy(float) - known).max() < 2e-4
 
 
-def test_latitude_and_longitude_need_no_system(tmp_path):
+@pytest.mark.parametrize("crs", [None, "EPSG:4979", "EPSG:4326", "EPSG:4258"])
+def test_latitude_and_longitude_need_no_system(tmp_path, crs):
     project = placed()
     names, places = surveyed(project, "EPSG:4979")
     rows = [f"{n},{lat:.10f},{lon:.10f},{h:.4f}" for n, (lon, lat, h) in zip(names, places)]  # noqa: B905
     path = tmp_path / "latlon.csv"
     path.write_text("\n".join(["name,lat,lon,h", *rows]) + "\n")
-    made = add_ground(project, path).block.ground
+    made = add_ground(project, path, crs=crs).block.ground
     known = project.block.ground[["x", "y", "z"]].to_numpy(float)
     assert np.abs(made[["x", "y", "z"]].to_numpy(float) - known).max() < 2e-4
 
@@ -208,8 +211,10 @@ def gcp_list(project, head, change=lambda image: image, places=lambda xyz: xyz):
 @pytest.mark.parametrize(
     "change",
     [str.lower, str.upper, lambda n: n.rpartition(".")[0], lambda n: f"DCIM/{n}",
-     lambda n: f"D:\\flight\\{n}", lambda n: n.replace(".JPG", ".jpeg")],
-    ids=["lower case", "upper case", "without ending", "folder", "folder of Windows", "ending"],
+     lambda n: f"D:\\flight\\{n}", lambda n: n.replace(".JPG", ".jpeg"),
+     lambda n: f'"my flight/{n}"'],
+    ids=["lower case", "upper case", "without ending", "folder", "folder of Windows", "ending",
+         "quotes"],
 )  # fmt: skip
 def test_names_of_images_that_differ_are_matched_and_told(tmp_path, change):
     project = placed()
@@ -242,7 +247,9 @@ def test_umlauts_of_macos_are_the_same_name():
 
 @pytest.mark.parametrize(
     "head",
-    [UTM, "# made by hand\n\nEPSG:25832", "epsg:25832", "WGS84 UTM 32N",
+    [UTM, "# made by hand\n\nEPSG:25832", "epsg:25832", "WGS84 UTM 32N", "25832", "EPSG 25832",
+     "ETRS89 / UTM zone 32N", "urn:ogc:def:crs:EPSG::25832", "% base A\nEPSG:25832",
+     "// base A\nEPSG:25832", "; base A\nEPSG:25832",
      "+proj=utm +zone=32 +ellps=GRS80 +units=m +no_defs"],
 )  # fmt: skip
 def test_first_lines_of_gcp_lists_that_name_a_system(tmp_path, head):
@@ -256,6 +263,7 @@ def test_first_lines_of_gcp_lists_that_name_a_system(tmp_path, head):
 @pytest.mark.parametrize(
     ("head", "said"),
     [("WGS84", "EPSG:4326"), ("WGS84 longlat", "EPSG:4326"), ("local", "names no coordinate"),
+     ("UTM / zone 32N", "names no coordinate"),
      ("EPSG:25832+7837", "de_bkg_gcg2016|ground points")],
 )  # fmt: skip
 def test_first_lines_that_name_none_say_what_to_write(tmp_path, head, said):

@@ -216,7 +216,10 @@ def test_disabled_cameras_are_left_out_and_told(exported, tmp_path):
     [("a.p4d", "<pix4d/>", "1_initial/params"), ("a.xlsx", "PK", "comma separated"),
      ("a.24o", "     3.04           OBSERVATION DATA    M                   RINEX VERSION / TYPE",
       "process it first"),
-     ("a.nmea", "$GPGGA,1,2", "NMEA"), ("a.txt", "POSPAC SBET export", "POSPac"),
+     ("a.nmea", "$GPGGA,1,2", "NMEA"),
+     ("tracks.csv", "OPENSFM_TRACKS_VERSION_v2\n", "OpenSfM"),
+     ("tracks.csv", "\t".join(["a.jpg", "3", "7", *["0.1"] * 5]), "OpenSfM"),
+     ("a.txt", "POSPAC SBET export", "POSPac"),
      ("a.mg", "{}", "cameras.sfm")],
 )  # fmt: skip
 def test_files_of_the_trade_are_named_with_the_way_on(tmp_path, name, content, said):
