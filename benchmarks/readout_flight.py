@@ -1,7 +1,7 @@
 """How often a flight tells its camera's readout time, and whether its sigma holds.
 
 python benchmarks/readout_flight.py [--count 100] [--first 0] [--json FILE] [--untold] [--rocking]
-    [--short]
+    [--short] [--velocities]
 
 Simulated surveys of the independent generator (`benchmarks/diagnosis/generator`): a continuous
 flight that brakes, stands and turns, a shaken camera whose turning nobody writes down, lenses that
@@ -9,7 +9,9 @@ are not Fraser's, GNSS with slow errors. Readouts of 5 to 60 ms, several plans, 
 they come: written by the flight controller to 0.1 m/s and with a delay, or derived from positions,
 from whole seconds, from a track. Prints for each the error over the stated sigma, or why it was
 refused; with --untold for surveys that cannot tell, which are all to be refused; with --rocking for
-cameras that rock while they are read, with a gyroscope that records it.
+cameras that rock while they are read, with a gyroscope that records it. With --velocities: what
+`adjust` finds in small blocks (`benchmarks/flown.py`) of one speed, two speeds and braking, with
+velocities derived and true.
 """
 
 import argparse
@@ -17,7 +19,9 @@ import json
 import sys
 import time
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
@@ -25,6 +29,8 @@ from benchmarks.diagnosis.generator import CALM, NOISES, Air, Case
 from benchmarks.diagnosis.generator.generate import draw, make_scene, streams, write_down
 from benchmarks.diagnosis.generator.trajectory import ACCELERATION
 from benchmarks.diagnosis.generator.world import World
+from benchmarks.flown import KINDS, READOUT, flown
+from corridor.core.adjustment import adjust
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.tools.readout import readout_from_flight
 
@@ -125,6 +131,25 @@ def summary(rows):
     }
 
 
+def by_velocities(numbers):
+    """Rows: errors over sigma of `adjust` with one readout, of each kind of small block."""
+    for random, kind, derived in product(("wind", "steps"), KINDS, (True, False)):
+        pulls = []
+        for seed in numbers:
+            with TemporaryDirectory() as folder:
+                block = flown(Path(folder), seed, kind, random, derived)
+            found = adjust(block, camera="f,cx,cy,k1", effects=["rolling_shutter"]).effects.iloc[0]
+            pulls.append((found["value"] - READOUT) / found["sigma"])
+        yield {
+            "gusts": random,
+            "kind": kind,
+            "velocities": "derived" if derived else "true",
+            "blocks": len(pulls),
+            "error_over_sigma": _rms(np.array(pulls)),
+            "mean": float(np.mean(pulls)),
+        }
+
+
 def _rms(values):
     return float(np.sqrt(np.mean(values**2))) if len(values) else None
 
@@ -137,7 +162,20 @@ def main() -> None:
     parser.add_argument("--rocking", action="store_true", help="a gyroscope on a rocking camera")
     parser.add_argument("--short", action="store_true", help="twelve small ones")
     parser.add_argument("--json", type=Path, help="write the rows and the summary to this file")
+    parser.add_argument("--velocities", action="store_true", help="small blocks by velocity")
     options = parser.parse_args()
+    if options.velocities:
+        found = []
+        for row in by_velocities(range(options.first, options.first + options.count)):
+            found.append(row)
+            print(
+                f"{row['gusts']:5s} {row['kind']:10s} {row['velocities']:7s} errors over sigma "
+                f"{row['error_over_sigma']:.2f}, mean {row['mean']:+.2f}",
+                flush=True,
+            )
+        if options.json:
+            options.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        return
     small = {"images": (24, 30), "observations": 60} if options.short else {}
     small |= {"untold": options.untold, "rocking": options.rocking}
     rows = []
