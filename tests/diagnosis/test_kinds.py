@@ -10,7 +10,7 @@ from believing import believed
 from believing import flown as two_flights
 from strips import corridor_block
 
-from benchmarks.diagnosis.generator.cases import single
+from benchmarks.diagnosis.generator.cases import Case, single
 from benchmarks.diagnosis.generator.generate import generate
 from benchmarks.ladder import made
 from corridor.core.adjustment import Model
@@ -121,6 +121,27 @@ class TestShiftsOfRowsInEachImage:
         found = diagnose(hidden.block)
         assert not found.effects
         assert any("is not taken for the cause" in note for note in found.notes)
+
+
+class TestPositionsThatJump:
+    """Another fix or base from a moment on: a jump, and no drift, which would bend the block."""
+
+    CASE = Case({}, images=36, strips=3, observations=120, control=6, check=6)
+
+    @pytest.mark.parametrize("back", [False, True])
+    def test_are_found_with_the_moment(self, back):
+        block = generate(self.CASE, 4).block
+        rows = np.arange(len(block.gnss))
+        gone = (rows >= 18) & ((rows < 25) | (not back))
+        xyz = block.gnss[["x", "y", "z"]].to_numpy() + gone[:, None] * [0.3, -0.2, 0.5]
+        block.gnss = block.gnss.assign(x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2])
+        found = diagnose(block)
+        assert [one["group"] for one in found.unknown] == ["gnss_step"] and not found.effects
+        assert found.gap["check_m"]["after"] < 0.015 < found.gap["check_m"]["before"]
+
+    def test_an_honest_flight_has_none(self):
+        found = diagnose(generate(self.CASE, 5).block)
+        assert not found.unknown and not found.effects
 
 
 class TestFlightsThatDiffer:
