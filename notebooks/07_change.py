@@ -150,7 +150,8 @@ both = compare(flight(3), flight(6, sunk, {"rolling_shutter": {"readout": 0.015}
 print(corridor.change.verdict_sentence(both))
 
 # %% [markdown]
-# It does not: the bowl is found as before, and the shutter beside it.
+# The shutter is seen, and what a bowl of 30 mm does beside it is too little to be sure of: the
+# sentence says that the two cannot be told apart, and takes neither for the other.
 #
 # ## 4. How sure is a number?
 #

@@ -169,6 +169,7 @@ def adjustment(block, effects=(), seed=5, **changes):
             columns=["kind", "part", "flight", "count", "redundancy", "sigma0", "p"]
         ),
         "distances": pd.DataFrame(),
+        "correlated_kinds": [],
         "reliability": SimpleNamespace(
             whole=False,
             summary=pd.DataFrame(columns=["largest_w"]), to_dict=dict, to_frame=pd.DataFrame

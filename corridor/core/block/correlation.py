@@ -17,7 +17,7 @@ import numpy as np
 # Correlations of x and y, x and z, y and z; of an image point the first alone.
 RHO = ("rho_xy", "rho_xz", "rho_yz")
 # Least eigenvalue of a correlation matrix that is believed: of three digits no more are known.
-_LEAST = 1e-3
+_LEAST_EIGENVALUE = 1e-3
 _ROWS = {2: ([1], [0]), 3: ([1, 2, 2], [0, 0, 1])}
 
 
@@ -54,7 +54,9 @@ def made_possible(rho: np.ndarray) -> np.ndarray:
     whole[:, i, j] = whole[:, j, i] = rho
     least = np.linalg.eigvalsh(whole)[:, 0]
     # With the factor t the least eigenvalue becomes 1 - t (1 - least).
-    return rho * np.minimum(1.0, (1.0 - _LEAST) / np.maximum(1.0 - least, 1e-12))[:, None]
+    return (
+        rho * np.minimum(1.0, (1.0 - _LEAST_EIGENVALUE) / np.maximum(1.0 - least, 1e-12))[:, None]
+    )
 
 
 def independent(sigma: np.ndarray, rho: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

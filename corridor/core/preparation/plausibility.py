@@ -63,8 +63,8 @@ def doubts(block: Block) -> list[str]:
         *earth_doubts(block),
         *_positions(block),
         *_pictures(block),
-        *_axes(block),
-        *_marks_of_other_pictures(block),
+        # Where tie points are turned, marks are turned with them.
+        *(list(_axes(block)) or _marks_of_other_pictures(block)),
         *_settings(block),
         *_passed_over(block),
         *motion_doubts(block),

@@ -27,6 +27,8 @@ from corridor.tools.change.surface import SurfaceChange
 MOST_CELLS = 240
 # Lengths (m, as shares of the extent) and heights of the motions that ground may make.
 _LENGTHS = (0.1, 0.25)
+# Share of a change that effects have to explain where what is left is no change of any place.
+NEARLY_ALL = 0.95
 _EPOCHS = ("before", "after")
 
 
@@ -197,9 +199,11 @@ class Explanation:
         if not self.as_adjusted.significant:
             return "nothing"
         # As a whole alone, a map of hundreds of cells is significant where its sigmas are a little
-        # too small: that is no change of any place.
+        # too small: that is no change of any place where next to nothing is left of it.
         told = self.visible or self.explained > 0.5
-        if any(self.shown) and told and not self.shown_modelled.located:
+        left = self.shown_modelled
+        gone = not left.significant or (not left.located and self.explained > NEARLY_ALL)
+        if any(self.shown) and told and gone:
             return "camera"
         return "undecided" if self.as_adjusted.located else "nothing"
 

@@ -92,7 +92,8 @@ def test_one_constant_rate_does_not_explain_the_pictures_and_the_program_says_so
     steady = corridor.adjust(block, effects=["rolling_shutter"], max_iterations=60, **OPTIONS)
     said = [w for w in steady.warnings if "motion model" in w]
     assert said and "does not explain the pictures" in said[0]
-    assert median_residual(steady) > 0.9
+    # Twice that of the curve; more iterations than 60 lower it no further than the model can.
+    assert median_residual(steady) > 0.8
     assert steady.cost > 5 * flight.adjustment.cost
 
 
