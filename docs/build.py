@@ -126,7 +126,7 @@ def first_page(source):
     rows = []
     for number, (chapter, words, finding) in enumerate(GALLERY, 1):
         drawn(chapter, words, source / "pictures" / f"finding_{number}.png")
-        rows.append(f"[{finding}](notebooks/{chapter}.ipynb)\n\n![]({path_of(number)})\n")
+        rows.append(f"[{finding}](notebooks/{chapter}.ipynb)\n\n![{finding}]({path_of(number)})\n")
     text = path.read_text(encoding="utf-8")
     write_text(path, text.replace("EVIDENCE", evidence()).replace("GALLERY", "\n".join(rows)))
 

@@ -247,16 +247,19 @@ def _from_their_start(
     for effect in course.candidates.effects:
         if effect.slug in one.keys or not any(p.start for p in effect.parameters(believed.block)):
             continue
-        keys = [*named, effect.slug]
-        try:
-            fit = believed.adjust(course.members(keys))
-        except (InputError, AdjustmentFailed):
-            continue
-        gain = (one.adjustment.cost - fit.cost) / fit.sigma0**2
-        # Of two that fit alike the one with fewer unknowns is better, by however little.
-        simpler = len(fit.system.columns) < len(one.adjustment.system.columns)
-        if gain > (0.0 if simpler else SETTINGS.check_odds):
-            return keys, fit
+        # Beside what was found, or in the place of what shows in the same way.
+        others = [key for key in named if groups[number[key]].effect.place != effect.place]
+        for kept in (named, others)[: 1 + (others != named)]:
+            keys = [*kept, effect.slug]
+            try:
+                fit = believed.adjust(course.members(keys))
+            except (InputError, AdjustmentFailed):
+                continue
+            gain = (one.adjustment.cost - fit.cost) / fit.sigma0**2
+            # Of two that fit alike the one with fewer unknowns is better, by however little.
+            simpler = len(fit.system.columns) < len(one.adjustment.system.columns)
+            if gain > (0.0 if simpler else SETTINGS.check_odds):
+                return keys, fit
     return None
 
 
