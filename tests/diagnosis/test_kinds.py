@@ -10,7 +10,7 @@ from believing import believed
 from believing import flown as two_flights
 from strips import corridor_block
 
-from benchmarks.diagnosis.generator.cases import Case, single
+from benchmarks.diagnosis.generator.cases import Case, single, together
 from benchmarks.diagnosis.generator.generate import generate
 from benchmarks.ladder import made
 from corridor.core.adjustment import Model
@@ -21,7 +21,7 @@ from corridor.diagnosis.evidence.scores import as_spread
 from corridor.diagnosis.evidence.search import Found
 from corridor.diagnosis.findings.verdict import _changes
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.report.sentence import _off
+from corridor.diagnosis.report.sentence import _off, _still_off
 from corridor.diagnosis.rounds import _without_motion
 from corridor.diagnosis.system.elimination import Elimination
 from corridor.diagnosis.system.equations import equations
@@ -123,6 +123,28 @@ class TestShiftsOfRowsInEachImage:
         assert any("is not taken for the cause" in note for note in found.notes)
 
 
+class TestWhatAFlightCannotSeparate:
+    """A late clock moves the antenna along the way, as an arm does whose camera looks ahead."""
+
+    def test_a_value_that_another_effect_would_change_is_told_and_no_limit_says_otherwise(self):
+        hidden = generate(together("clock_offset", "lever_arm", images=40, observations=120), 5)
+        found = diagnose(hidden.block)
+        assert [one["slug"] for one in found.effects] == ["lever_arm"]
+        (told,) = [note for note in found.notes if "cannot separate" in note]
+        assert "separate y of a correction of the lever arm" in told and "clocks" in told
+        # Hidden are 10 ms, which were not found.
+        assert found.detection_limits["clock_offset"]["offset"] > 0.010
+
+
+def test_errors_of_what_a_block_does_not_have_are_not_offered():
+    block = flown()
+    chosen = candidates(block, {name: () for name in block.cameras}, [], ["G1"])
+    slugs = {*chosen.untestable, *(effect.slug for effect in chosen.effects)}
+    assert not {slug for slug in slugs if find(slug).needs_table("rig")}
+    assert not {slug for slug in slugs if find(slug).needs_table("attitudes")}
+    assert "gnss_bias" in slugs and "thermal" in slugs
+
+
 class TestPositionsThatJump:
     """Another fix or base from a moment on: a jump, and no drift, which would bend the block."""
 
@@ -191,11 +213,15 @@ def test_a_free_network_is_asked_for_what_it_predicts():
 
 class TestCheckPointsThatNothingExplains:
     @staticmethod
-    def told(sigmas, gnss=3, off=(0.7, 0.7, 0.7)):
+    def told(sigmas, gnss=3, off=(0.7, 0.7, 0.7), tell=_off):
         gap, block = {"check_m": {"before": 0.7, "after": 0.7}}, SimpleNamespace(gnss=[0] * gnss)
         table = pd.DataFrame({"point": ["A", "B", "C"], "dx": 0.0, "dy": 0.0, "dz": off})
         after = SimpleNamespace(check_points=table.assign(sx=0.01, sy=0.01, sz=0.01))
-        return _off(SimpleNamespace(gap=gap, check_sigmas=sigmas, block=block, after=after))
+        return tell(SimpleNamespace(gap=gap, check_sigmas=sigmas, block=block, after=after))
+
+    def test_they_are_told_beside_what_was_found_too(self):
+        assert "still off by 700 mm, 9.0 times" in self.told(9.0, tell=_still_off)
+        assert self.told(1.4, tell=_still_off) == ""
 
     def test_one_that_is_off_alone_is_named(self):
         told = self.told(9.0, off=(0.01, -0.3, 0.01))

@@ -50,21 +50,26 @@ def sentence(diagnosis: Diagnosed) -> str:
 
 def _still_off(d: Diagnosed) -> str:
     """Where check points are off by more than chance although what was found is in the model."""
-    sigmas, error = d.check_sigmas, d.gap["check_m"]
-    if not sigmas or not error or sigmas < OFF:
-        return ""
-    alone = check_alone(d.after, OFF)
-    if alone is not None:
-        return _alone(*alone)
+    by, alone = _off_by(d)
+    if not by or alone:
+        return alone
     return (
-        f" Check points are still off by {amount(error['after'], 'm')}, {sigmas:.1f} times their "
-        "standard deviations: what was found is not all that is missing, or stands for something "
-        "else."
+        f" Check points are still off by {by}: what was found is not all that is missing, or "
+        "stands for something else."
     )
 
 
-def _alone(point: str, axis: str, size: float, others: float) -> str:
-    return (
+def _off_by(d: Diagnosed) -> tuple[str, str]:
+    """How far check points are off, and a sentence on one that is so alone; empty: by chance."""
+    sigmas, error = d.check_sigmas, d.gap["check_m"]
+    if not sigmas or not error or sigmas < OFF:
+        return "", ""
+    by = f"{amount(error['after'], 'm')}, {sigmas:.1f} times their standard deviations"
+    found = check_alone(d.after, OFF)
+    if found is None:
+        return by, ""
+    point, axis, size, others = found
+    return by, (
         f" But check point {point} is off by {amount(size, 'm')} in {axis}, alone: the others "
         f"by {amount(others, 'm')} (3D RMS). Look up its survey and its marks."
     )
@@ -197,16 +202,10 @@ def _nothing(d: Diagnosed) -> str:
 
 def _off(d: Diagnosed) -> str:
     """What check points say that nothing found explains; nothing where they are off by chance."""
-    sigmas, error = d.check_sigmas, d.gap["check_m"]
-    if not sigmas or not error or sigmas < OFF:
-        return ""
-    alone = check_alone(d.after, OFF)
-    if alone is not None:
-        return _alone(*alone)
-    text = (
-        f" But check points are off by {amount(error['after'], 'm')}, {sigmas:.1f} times "
-        "their standard deviations"
-    )
+    by, alone = _off_by(d)
+    if not by or alone:
+        return alone
+    text = f" But check points are off by {by}"
     if not len(d.block.gnss):
         return f"{text}: something bends the block that these images do not show."
     return (
