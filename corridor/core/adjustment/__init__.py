@@ -30,12 +30,12 @@ from corridor.core.adjustment.model import (
 from corridor.core.adjustment.normal import Normal
 from corridor.core.adjustment.precompiling import compiling_ahead
 from corridor.core.adjustment.problem import make_problem, refuse_distances
+from corridor.core.adjustment.readjusting import gnss_of_metres
 from corridor.core.adjustment.regression import PointGains, point_gains
 from corridor.core.adjustment.result import Adjustment, not_converged
 from corridor.core.adjustment.snooping import Blunder, blunders
 from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.uncertain_motion import MotionScale, as_seen
-from corridor.core.adjustment.variance_components import gnss_of_metres
 from corridor.core.adjustment.warnings import grave, implausible, tested_by
 from corridor.core.geometry import Similarity, similarity
 

@@ -19,24 +19,24 @@ from corridor.core.adjustment.datum import (
     open_motions,
     scaled_by_distances,
 )
+from corridor.core.adjustment.false_positions import without_false_fixes
 from corridor.core.adjustment.gross_errors import without_gross_errors
-from corridor.core.adjustment.group_variances import from_where_it_ended, with_gnss_as_it_is
 from corridor.core.adjustment.left_out import sound_part
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.matrix import Singular
 from corridor.core.adjustment.model import Loss, Model, listed_effects
 from corridor.core.adjustment.normal import Normal
 from corridor.core.adjustment.problem import Problem, State, make_problem
-from corridor.core.adjustment.result import Adjustment
-from corridor.core.adjustment.solving import solve
-from corridor.core.adjustment.variance_components import (
+from corridor.core.adjustment.readjusting import (
     weighted_by_scatter,
     with_common_offset,
+    with_gnss_as_it_is,
     with_held_focal_asked,
     with_motion_as_seen,
-    without_false_fixes,
     without_unseen_arms,
 )
+from corridor.core.adjustment.result import Adjustment, from_where_it_ended
+from corridor.core.adjustment.solving import solve
 from corridor.core.block import Block, read, with_rigid_poses
 from corridor.core.effects import Effect, check_needs
 from corridor.core.engine.rays import SQUARES

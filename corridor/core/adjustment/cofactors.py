@@ -24,6 +24,8 @@ from corridor.core.adjustment.measured_poses import pose_rows
 
 # Sums that are solved for together: a hundred columns as long as the unknowns.
 _TOGETHER = 96
+# Random signs for redundancies: of a hundred numbers the sum is known to 2 %.
+_SIGNS = 64
 
 
 def of_antennas(covariance: Covariance, kind: str = "gnss") -> np.ndarray:
@@ -44,6 +46,25 @@ def of_antennas(covariance: Covariance, kind: str = "gnss") -> np.ndarray:
     known += mixed + mixed.transpose(0, 2, 1)
     known += shared @ covariance.shared[np.ix_(used, used)] @ shared.transpose(0, 2, 1)
     return np.eye(3) - known
+
+
+def shares_of_antennas(covariance: Covariance) -> np.ndarray:
+    """Redundancies (k, 3) of the antenna positions, of which the sums over many are meant.
+
+    With random signs e the mean of e times R e is the diagonal of R; of n numbers together with
+    `_SIGNS` of them the sum r is known to sqrt(2 r / _SIGNS). Few positions are asked one by one.
+    Source: Hutchinson 1990.
+    """
+    system = covariance.system
+    rows = system.gnss
+    count = rows.sigma.size
+    if count <= _SIGNS:
+        sign = np.eye(count)
+    else:
+        sign = np.random.default_rng(0).choice([-1.0, 1.0], (count, _SIGNS)) / np.sqrt(_SIGNS)
+    root = 1.0 / rows.sigma.ravel()[:, None]
+    seen = root * (rows.jacobian @ covariance.solve(rows.jacobian.T @ (root * sign)))
+    return np.sum(sign * (sign - seen), axis=1).reshape(-1, 3)
 
 
 class OfPoint(NamedTuple):

@@ -7,21 +7,20 @@ and set aside; where that does not make the rest fit, they are not what is wrong
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
 from corridor.core.adjustment.blunders import exchanged_points
-from corridor.core.adjustment.group_variances import FACTOR, false_apart, lengths
-from corridor.core.adjustment.result import Adjustment
+from corridor.core.adjustment.false_positions import false_apart, lengths
+from corridor.core.adjustment.result import Adjustment, Again
+from corridor.core.adjustment.variance_components import FACTOR
 from corridor.core.camera import project
 from corridor.core.errors import AdjustmentFailed, InputError, some
 from corridor.core.geometry import GROSS, OUTLIER, robust_scale_of_lengths
 from corridor.core.output import counted
 
-Again = Callable[..., Adjustment]
 # A robust loss that gross errors have no say in.
 _LOSS = "cauchy:2"
 # More than this share of the marks, or of the positions of a flight, is no handful.

@@ -16,6 +16,7 @@ from corridor.core import registry
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.export import write_gis
 from corridor.core.adjustment.misfit import misfit
+from corridor.core.adjustment.model import Model
 from corridor.core.adjustment.precision import FAR, MOST, InDatum, chosen
 from corridor.core.adjustment.solving import Solution
 from corridor.core.adjustment.tables import Tables
@@ -23,6 +24,8 @@ from corridor.core.adjustment.warnings import warnings_of
 from corridor.core.block import Block
 from corridor.core.errors import AdjustmentFailed
 from corridor.core.output import with_units
+
+Again = Callable[..., "Adjustment"]
 
 
 class Adjustment(Tables):
@@ -154,8 +157,8 @@ class Adjustment(Tables):
     @cached_property
     def variance_components(self) -> pd.DataFrame:
         """Sigma naught of each kind of observation, of antenna positions of each flight, with its
-        redundancy and its test; see `corridor.core.adjustment.group_variances.components`."""
-        from corridor.core.adjustment.group_variances import components
+        redundancy and its test; see `corridor.core.adjustment.variance_components.components`."""
+        from corridor.core.adjustment.variance_components import components
 
         return components(self)
 
@@ -163,6 +166,16 @@ class Adjustment(Tables):
     def warnings(self) -> list[str]:
         """What a reader should know before trusting the numbers, a sentence each."""
         return [*self._notes, *warnings_of(self)]
+
+
+def from_where_it_ended(result: Adjustment, start: Block, model: Model, again: Again) -> Adjustment:
+    """Adjusted with positions and stated arms of `start`, from the poses that were found."""
+    ended = result.start_again
+    ended.gnss, ended.lever_arm, ended.extra = start.gnss, start.lever_arm, start.extra
+    found = again(ended, model)
+    found.start = start
+    found.keep_notes(result)
+    return found
 
 
 def not_converged(adjustment: Adjustment) -> AdjustmentFailed:

@@ -1,399 +1,247 @@
-"""Adjusted again, where the first result tells that something was assumed which is not so.
+"""One variance factor for each kind of observation, in plan and in height, and for each flight.
 
-Each of these takes a result, and `again`, which adjusts a block, with a model or that of the
-first; it gives the result that holds, with a note on what was changed.
+One factor for a whole block is made by its thousands of image points: antenna positions that miss
+by ten sigmas do not show in it. Each group has its own, v'Pv / r with its own redundancy r, and a
+test of it; errors that last from one position to the next are told by the likelihood of residuals.
 
-Photographs rarely say how good their positions are; whoever imports them assumes one number for
-all, as the manual of a receiver has it. Their scatter about the adjusted flight says better.
+Source: Förstner 1979 and Koch 1986 (v'Pv / r, iterated); Patterson and Thompson 1971 (likelihood of
+residuals) and Bayley and Hammersley 1946, "The effective number of independent observations in an
+autocorrelated time series", for errors that last.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
-from scipy.special import chdtri
+import pandas as pd
+from scipy.special import chdtr, chdtrc, chdtri
 
-from corridor.core.adjustment.cofactors import of_antennas
-from corridor.core.adjustment.group_variances import (
-    AXES,
-    RARE,
-    contradicting,
-    false_positions,
-    from_where_it_ended,
-    slow,
-)
-from corridor.core.adjustment.model import (
-    Model,
-    ParameterSettings,
-    Setting,
-    arms_unseen,
-    listed_effects,
-)
+from corridor.core.adjustment.problem import POSE_KINDS
 from corridor.core.adjustment.result import Adjustment
-from corridor.core.adjustment.uncertain_motion import MotionScale
-from corridor.core.block import Block, turned
-from corridor.core.effects import every_effect
-from corridor.core.errors import AdjustmentFailed, InputError, some
-from corridor.core.geometry import OUTLIER
-from corridor.core.output import counted
-from corridor.core.preparation import derived, record_derived
+from corridor.core.block import Block
+from corridor.core.gnss import SlowNoise
 
-Again = Callable[..., Adjustment]
-# What standard deviations come from that this file has made, as the block records it.
-SCATTER = "the residuals of the positions"
-# Photographs write their positions to a centimetre, or to 1e-7 degrees, which is as much.
-_LEAST_M = 0.01
-# A factor within this is as assumed; beyond, it is estimated again until it changes by less.
-_FACTOR, _SETTLED, _ROUNDS = 2.0, 0.2, 4
-_LEAST = 8
-# An offset that all other observations take up but for this share of its information is not shown.
-_SEEN = 1e-4
-# An offset may be so many times as large as it is stated, or first seen, to be.
-_PRIOR = 3.0
-# No drone carries its antenna nearly so far from the camera: known no better is not known.
-_ARM_M = 2.0
-# Residuals as large as they are stated to be say nothing against what is held.
-_LARGE_FIT = 1.1
-# Sigmas by which an estimate is another one; five, as of outliers.
-_FOCAL_SIGMAS = 5.0
-# Heat moves a focal length by less than a thousandth; a rolling shutter of 50 ms, which takes it
-# along at 5 m/s, by a quarter of a metre of the 50 that a picture shows from as high.
-_FOCAL_SHARE = 0.01
-# Below this a readout scales no error of a velocity any more: a global shutter, s.
-_LEAST_S = 0.002
-# A scale of uncertain motion that changes by less is the same; it settles within some rounds.
-_SAME, _MOTION_ROUNDS = 0.1, 4
-# The stated deviations of velocities count as one of their own beside what the pictures say of
-# their size: a flight of few pictures cannot say it.
-_STATED_COUNTS = 1.0
-_TURNS = ("turn_x", "turn_y", "turn_z")
+_PLAN, _HEIGHT = slice(0, 2), slice(2, 3)
+AXES = {"plan": _PLAN, "height": _HEIGHT}
+_TURNS = {"roll and pitch": _PLAN, "yaw": _HEIGHT}
+# A group contradicts what is stated where chance does so once in a thousand, and its factor, which
+# small faults of any model raise, is beyond two.
+RARE, FACTOR = 1e-3, 2.0
+# Redundancy below which a group says nothing of its own size.
+_FEWEST = 6.0
+# A redundancy near one makes residuals as large as errors: below this RMS, in sigmas, no group
+# with less than six tenths of its redundancy can reach the factor. A quick look saves covariances.
+_QUICK = 1.25
+# Fewer positions of a flight do not tell how long errors last.
+_LASTING = 12
+# Correlation of one residual with the next in its standard deviations from which on one looks
+# closer; of white noise one block in a thousand has more.
+_ALIKE = 3.1
+# Positions that are looked at together, and redundancy of what tells something.
+_WINDOW, _SEEN = 120, 0.05
+# (c / w)^2 and tau, s, that are tried: from a tenth of the white noise to ten times as much, and
+# from some exposures to what no flight tells from a constant.
+_RATIOS = tuple(np.geomspace(0.01, 100.0, 17).tolist())
+_CONSTANTS = (8.0, 15.0, 30.0, 60.0, 120.0, 240.0)
+# What one knows of tau beforehand: its middle, s, and the standard deviation of its logarithm, as
+# the diagnosis has them of receivers.
+_USUAL = (60.0, 0.57)
 
 
-def without_false_fixes(result: Adjustment, again: Again, stated: np.ndarray) -> Adjustment:
-    """Adjusted again without the outliers among the antenna positions, until none is left.
+def components(adjustment: Adjustment) -> pd.DataFrame:
+    """A row for each group of observations and what its residuals say of its sigmas.
 
-    A block of false ones draws the others after it, and is found by what these say without it.
-    stated (k, 3): standard deviations, m, of all positions; those that already have others since
-    they are gross errors are outliers too.
+    Columns: kind (tie, mark, gnss, control, attitude), part (plan, height; of attitudes roll and
+    pitch, yaw; empty: all), flight (of gnss and attitude), count of numbers, redundancy, sigma0 =
+    sqrt(v'Pv / r), and p, the probability of one so far from 1 on either side where all is as
+    stated.
+
+    Redundancies are exact, those of tie points what the others leave (priors among them).
     """
-    apart = result.start.gnss["image"][(result.start.gnss_sigma() > stated).any(axis=1)]
-    rejected: dict[str, float] = {}
-    for _ in range(10):
-        table = result.residuals["gnss"]
-        false = false_positions(result, again)
-        wrong = table["outlier"] if false is None else false
-        gone = table[wrong | table["image"].isin(apart)]
-        if not len(gone) or len(gone) > len(table) / 2:
-            break
-        lengths = np.linalg.norm(gone[["vx", "vy", "vz"]], axis=1)
-        rejected |= dict(zip(gone["image"], lengths.tolist(), strict=True))
-        block = result.start.copy()
-        block.gnss = block.gnss[~block.gnss["image"].isin(list(rejected))].reset_index(drop=True)
-        result = again(block)
-    if rejected:
-        many = counted(len(rejected), "antenna position")
-        result.add_note(
-            f"{many} rejected as false fix{'es' * (len(rejected) > 1)}, residual up to "
-            f"{max(rejected.values()):.2f} m ({some(rejected, 5)})."
-        )
-    return result
+    rows, taken = [], 0.0
+    reliability = adjustment.reliability
+    for kind in ("gnss", "control", "attitude"):
+        square, share = reliability.independent(kind)
+        of_flights = kind in POSE_KINDS
+        flights = np.full(len(share), "", object)
+        flights = flights_of(adjustment, kind) if of_flights else flights
+        for flight in dict.fromkeys(flights.tolist()):
+            mine = flights == flight
+            for part, axes in (_TURNS if kind == "attitude" else AXES).items():
+                r, q = share[mine, axes].sum(), square[mine, axes].sum()
+                rows.append((kind, part, flight, square[mine, axes].size, r, q))
+                taken += r
+    p = adjustment.problem
+    if len(adjustment.residuals["mark"]):
+        of_marks = reliability.marks["redundancy"]
+        total = _image_square(adjustment, "mark")
+        rows.insert(0, ("mark", "", "", len(of_marks), of_marks.sum(), total))
+        taken += of_marks.sum()
+    if p.tie_count:
+        left = adjustment.redundancy - taken
+        rows.insert(0, ("tie", "", "", 2 * p.tie_count, left, _image_square(adjustment, "tie")))
+    table = pd.DataFrame(rows, columns=["kind", "part", "flight", "count", "redundancy", "q"])
+    r, q = table["redundancy"].clip(lower=1e-9), table.pop("q")
+    table["sigma0"] = np.sqrt(q / r).where(r > 0.5)
+    table["p"] = np.minimum(2.0 * np.minimum(chdtrc(r, q), chdtr(r, q)), 1.0)
+    return table
 
 
-def weighted_by_scatter(result: Adjustment, again: Again) -> Adjustment:
-    """Adjusted with standard deviations of the antenna positions as they scatter, if assumed.
-
-    Coarse ones, too coarse to see a lever arm, are taken for assumed: what somebody measured to
-    decimetres is told by the images. The result itself where they are finer, or within a factor of
-    two of what the residuals say. The scatter is about the mean of each flight, in the world and in
-    the camera, so that no lever arm is in it; where it turns out fine enough to see the arms,
-    these are estimated, as of positions that are stated so.
-    Source: Förstner 1979 (v'Pv / r, each group with its own redundancy).
-    """
-    count = len(result.problem.gnss_image)
-    if count < _LEAST or not result.converged or not arms_unseen(result.problem.block):
-        return result
-    stated = result.problem.block.gnss_sigma()
-    factor = _scatter(result)
-    if np.all(np.abs(np.log(factor)) < np.log(_FACTOR)):
-        return result
-    model = result.problem.model
-    # A flight at one height hardly tells the focal length, which flattens heights that positions
-    # have: both together run away, a smaller f and positions that fit the better for it.
-    held, found = _with_focal_held(result, model), result
-    for _ in range(_ROUNDS):
-        start, told = _restated(result.start, stated, factor)
-        found = from_where_it_ended(found, start, held, again)
-        if not found.converged:
-            return result
-        change = _scatter(found)
-        factor = _at_least(factor * change, stated)
-        if np.all(np.abs(np.log(change)) < _SETTLED):
-            break
-    start, told = _restated(result.start, stated, factor)
-    found = from_where_it_ended(found, start, model, again)
-    if not found.converged:
-        return result
-    found.add_note(told)
-    return found
+def _image_square(adjustment: Adjustment, kind: str) -> float:
+    """v'Pv of image points, gross ones left out."""
+    found = adjustment.statistics[kind]
+    return 2 * found["count"] * found["sigma0"] ** 2 if found else 0.0
 
 
-def _with_focal_held(result: Adjustment, model: Model) -> Model:
-    """The model with all focal lengths where they start."""
-    names = [f"camera.{name}.f" for name in result.start.cameras]
-    return replace(
-        model,
-        priors={name: prior for name, prior in (model.priors or {}).items() if name not in names},
-        parameters=ParameterSettings(
-            {**model.parameters, **{name: Setting(vary=False) for name in names}},
-        ),
-    )
+def flights_of(adjustment: Adjustment, kind: str = "gnss") -> np.ndarray:
+    """Name of the flight (k,) of each antenna position, or attitude."""
+    p = adjustment.problem
+    names = np.array(p.images.flight_names, dtype=object)
+    return names[p.images.flight[p.measured(kind)]]
 
 
-def _restated(start: Block, stated: np.ndarray, factor: np.ndarray) -> tuple[Block, str]:
-    """A block with its sigmas (k, 3) of positions times a factor in plan and in height, and a word
-    on that."""
-    start, sigma = start.copy(), stated.copy()
-    sigma[:, :2] *= factor[0]
-    sigma[:, 2] *= factor[1]
-    start.put("gnss", ("sx", "sy", "sz"), sigma)
-    usual, used = np.median(stated, axis=0), np.median(sigma, axis=0)
-    told = (
-        f"GNSS: {usual[0]:g} m in plan and {usual[2]:g} m in height are assumed for "
-        f"all positions; about the flight they scatter by {used[0]:.2g} and {used[2]:.2g} m, "
-        "which is used. An offset that all of them share is not seen in this."
-    )
-    record_derived(start, "gnss.sx", SCATTER, used[[0, 2]], told)
-    return start, told
-
-
-def _at_least(factor: np.ndarray, stated: np.ndarray) -> np.ndarray:
-    """Factors that leave no standard deviation below what positions are written to."""
-    return np.maximum(factor, _LEAST_M / np.median(stated, axis=0)[[0, 2]])
-
-
-def _scatter(result: Adjustment) -> np.ndarray:
-    """Root of v'v / r (2,) of the antenna positions in plan and in height, in their sigmas.
-
-    About the mean of each flight: what its positions share in the world or, where the arms are
-    held, in the camera's frame is an offset or an arm.
-    """
-    p = result.problem
+def _suspicious(result: Adjustment) -> bool:
+    """Whether any group of antenna positions may contradict, at a glance."""
     table = result.residuals["gnss"]
-    root = np.sqrt(p.gnss_weight)[:, :, None] * p.gnss_turn
-    v = turned(root, table[["vx", "vy", "vz"]].to_numpy())
-    share = np.einsum("nii->ni", of_antennas(result.covariance))
-    left = np.empty_like(v)
-    to_world = result.state.rotation[p.gnss_image].transpose(0, 2, 1)
-    flight = p.images.flight[p.gnss_image]
-    for one in np.unique(flight):
-        mine = flight == one
-        own = root[mine]
-        shared = [own] if p.arms_free else [own, own @ to_world[mine]]
-        design = np.concatenate(shared, axis=2).reshape(3 * mine.sum(), -1)
-        found, _, rank, _ = np.linalg.lstsq(design, v[mine].ravel(), rcond=1e-6)
-        left[mine] = (v[mine].ravel() - design @ found).reshape(-1, 3)
-        # Freedom that the shared part has taken.
-        share[mine] *= max(1.0 - rank / (3.0 * mine.sum()), 0.0)
-    share = np.clip(share, 0.05, 1.0)
-    factor = [np.sqrt(np.sum(left[:, a] ** 2) / np.sum(share[:, a])) for a in AXES.values()]
-    return _at_least(np.array(factor), p.gnss_weight**-0.5)
+    if len(table) < 3:
+        return False
+    scaled = table[["vx", "vy", "vz"]].to_numpy() / table[["sx", "sy", "sz"]].to_numpy()
+    flights = flights_of(result)
+    return any(
+        np.sqrt(np.mean(scaled[flights == flight, axes] ** 2)) > _QUICK
+        for flight in set(flights.tolist())
+        for axes in AXES.values()
+    )
 
 
-def with_common_offset(result: Adjustment, again: Again, stated: np.ndarray) -> Adjustment:
-    """Adjusted with an offset that all antenna positions of a flight share, where ground control
-    shows one and they are coarse, or contradict their standard deviations or last without it.
-
-    A receiver without corrections is off by metres for hours, one with a wrong base station for
-    good. As errors of their own they would bend the block between them and the control.
-    stated (k, 3): standard deviations before any were restated, m. Source: score test, Rao 1948.
-    """
-    p, model = result.problem, result.problem.model
-    shared = next((e for e in every_effect() if e.datum and e.place == "antenna"), None)
-    if shared is None or p.stack.at("antenna") or not len(p.control_rows):
-        return result
-    if not result.converged or len(p.gnss_image) < _LEAST:
-        return result
-    coarse = gnss_of_metres(result.start)
-    wrong = {} if coarse else contradicting(result)
-    lasting = not (coarse or wrong) and slow(result) is not None
-    if not (coarse or wrong or lasting):
-        return result
-    offset, test = _common_offset(result)
-    if test < chdtri(max(np.count_nonzero(offset), 1), RARE):
-        return result
-    # What drifts is off in the mean too, and by no more than it drifts.
-    if lasting and (np.abs(offset) < OUTLIER * np.median(stated, axis=0)).all():
-        return result
-    several = len(p.images.flight_names) > 1
-    effect = shared.per("flight") if several else shared
-    names = [parameter.name for parameter in effect.parameters(p.block)]
-    # What control does not show stays near zero; the rest is as free as it need be.
-    wide = _PRIOR * np.maximum(np.median(stated, axis=0), np.abs(offset).max(axis=0))
-    priors = {
-        f"{effect.slug}.{name}": (0.0, float(size)) for name, size in zip(names, wide, strict=True)
+def contradicting(result: Adjustment) -> dict[tuple[str, str], float]:
+    """Groups (part, flight) of antenna positions whose residuals contradict their standard
+    deviations, and their sigma naught over the general one."""
+    if not result.converged or not _suspicious(result):
+        return {}
+    table = components(result)
+    # What all observations are too large by is sigma naught's matter.
+    general = max(result.sigma0, 1.0)
+    wrong = (
+        (table["kind"] == "gnss")
+        & (table["redundancy"] >= _FEWEST)
+        & (table["p"] < RARE)
+        & (table["sigma0"] > FACTOR * general)
+    )
+    return {
+        (row.part, row.flight): row.sigma0 / general for row in table[wrong].itertuples(index=False)
     }
-    wider = replace(model, effects=[*listed_effects(model.effects), effect],
-                    priors=priors | dict(model.priors or {}))  # fmt: skip
-    try:
-        found = from_where_it_ended(result, result.start, wider, again)
-    except (InputError, AdjustmentFailed):
-        return result
-    # An offset that is not what is wrong leaves the contradiction.
-    if not found.converged or (wrong and contradicting(found)):
-        return result
-    if lasting and slow(found) is not None:
-        return result
-    values = found.effects.query("slug == @effect.slug")
-    shown = "; ".join(
-        f"{f'flight {group} ' if several else ''}"
-        f"{', '.join(f'{value:+.2f}' for value in part['value'])} m"
-        for group, part in values.groupby("group", sort=False)
-    )
-    cause = (
-        ": a base station with other coordinates, another datum, or heights above the ellipsoid "
-        "and above the geoid? It may as well be the control that is off, by the opposite."
-    )
-    found.add_note(
-        f"GNSS and ground control disagree by one vector ({shown}), which is estimated with the "
-        f"rest ({effect.slug}); the control decides where the block lies{'.' if coarse else cause}"
-    )
-    return found
 
 
-def _common_offset(result: Adjustment) -> tuple[np.ndarray, float]:
-    """What the positions of each flight are off by together (flights, 3), m, as control and images
-    show it, zero along what they do not show; and its chi-square."""
-    p, rows = result.problem, result.system.gnss
-    flight = p.images.flight[p.gnss_image]
-    flights = np.unique(flight)
-    columns = (flight[:, None] == flights)[:, None, :, None] * np.eye(3)[:, None, :]
-    columns = (p.gnss_turn @ columns.reshape(len(flight), 3, -1)).reshape(3 * len(flight), -1)
-    heavy = columns * p.gnss_weight.reshape(-1, 1)
-    sums = rows.jacobian.T @ heavy
-    system = columns.T @ heavy
-    scale = np.sqrt(np.diag(system))
-    system = (system - sums.T @ result.covariance.solve(sums)) / scale[:, None] / scale
-    right = heavy.T @ rows.residual.ravel() / scale
-    size, axes = np.linalg.eigh(system)
-    seen = size > _SEEN
-    along = axes[:, seen].T @ right
-    offset = axes[:, seen] @ (along / size[seen]) / scale
-    return offset.reshape(-1, 3), float(np.sum(along**2 / size[seen]))
+def restate(start: Block, rows: np.ndarray, axes: slice, factor: float | np.ndarray) -> None:
+    """Standard deviations of some antenna positions times a factor, in the block itself."""
+    sigma = start.gnss_sigma()
+    sigma[rows, axes] *= factor
+    start.put("gnss", ("sx", "sy", "sz"), sigma)
 
 
-def gnss_of_metres(block: Block) -> bool:
-    """Whether all positions may be wrong together by decimetres or metres: the block says so, or
-    its standard deviations are of the scatter about the flight, which holds nothing common."""
-    scatter = any(one.column == "gnss.sx" and one.source == SCATTER for one in derived(block))
-    return scatter or arms_unseen(block)
+# --- errors that last ----------------------------------------------------------------------------
 
 
-def without_unseen_arms(result: Adjustment, again: Again) -> Adjustment:
-    """Adjusted with the lever arms held where nobody asked for them and they are not determined."""
-    arms = result.lever_arm
-    if not result.problem.arms_free or result.problem.model.lever_arm is not None or not len(arms):
-        return result
-    sigma = float(np.nanmax(arms[["sx", "sy", "sz"]].to_numpy(float)))
-    if not sigma > _ARM_M:
-        return result
-    model = replace(result.problem.model, lever_arm="fixed")
-    found = from_where_it_ended(result, result.start, model, again)
-    if not found.converged:
-        return result
-    found.add_note(
-        f"The lever arm is held at {'what block.toml states' if result.start.lever_arm else '0'}: "
-        f"this flight determines it to {sigma:.1f} m only; --lever-arm free estimates it all the "
-        "same."
-    )
-    return found
+class Slow(NamedTuple):
+    """Errors of antenna positions of which a part lasts.
 
-
-def with_held_focal_asked(result: Adjustment, again: Again) -> Adjustment:
-    """The same, with notes on calibrated focal lengths that the measurements contradict.
-
-    Adjusted with these free only where the residuals are larger than their standard deviations
-    say. A free lever arm takes up what a wrong focal length does at one flying height: residuals
-    are small then, the ground is right, and nothing is said.
+    ratio: (c / w)^2 of the standard deviations of that part and of the rest; constant: after which
+    it is another one, s; white: w, in the stated standard deviations. factor: on these, by part
+    and flight, so that as many independent positions know as much together.
     """
-    p, model = result.problem, result.problem.model
-    held = [
-        name
-        for name, camera in result.start.cameras.items()
-        if camera.calibrated and "f" not in p.free.get(name, ())
-    ]
-    if not (result.converged and held and result.sigma0 > _LARGE_FIT and result.redundancy > 30):
-        return result
-    free = {
-        name: ",".join(("f", *p.free.get(name, ()))) if name in held else p.free.get(name, ())
-        for name in result.start.cameras
-    }
-    try:
-        found = again(result.block, replace(model, camera=free))
-    except (InputError, AdjustmentFailed):
-        return result
-    rows = found.camera[found.camera["parameter"] == "f"].set_index("camera")
-    for name in held if found.converged else ():
-        stated = result.start.cameras[name]["f"]
-        f, sigma = rows.loc[name, "value"], rows.loc[name, "sigma"]
-        off = f - stated
-        if abs(off) > max(_FOCAL_SIGMAS * sigma, _FOCAL_SHARE * stated):
-            result.add_note(
-                f"The focal length of camera {name} is held at {stated:.1f} px; estimated it comes "
-                f"to {f:.1f} +- {sigma:.1f} px, {100 * abs(off) / stated:.1f} % "
-                f"{'longer' if off > 0 else 'shorter'}, and sigma naught falls from "
-                f"{result.sigma0:.2f} to {found.sigma0:.2f}: is it the calibration of another "
-                "camera, focus or picture size? `--camera fraser8` estimates the camera."
+
+    ratio: float
+    constant: float
+    white: float
+    factor: dict[tuple[str, str], float]
+
+
+def slow(result: Adjustment) -> Slow | None:
+    """How errors of antenna positions last; None where they are as likely independent.
+
+    White noise w and a slow part c exp(-|t| / tau), of one receiver in all flights and axes, are
+    those most likely for the residuals R e, R their cofactors. A sum of n positions has the
+    variance w^2 (n + (c / w)^2 sum of all correlations): so many times as much as stated each
+    counts. What neighbours share beyond that, their images say better.
+    """
+    gnss, images = result.system.gnss, result.system.images
+    if not result.converged or result.system.held is not None:
+        return None
+    tracks = {}
+    for number, name in enumerate(images.flight_names):
+        mine = np.flatnonzero(images.flight[gnss.image] == number)
+        time = images.time[gnss.image[mine]]
+        if len(mine) >= _LASTING and np.isfinite(time).all():
+            order = np.argsort(time, kind="stable")
+            tracks[str(name)] = mine[order], time[order]
+    if not tracks:
+        return None
+    scaled = [gnss.residual[rows] / gnss.sigma[rows] for rows, _ in tracks.values()]
+    alike = sum(float(np.sum(v[1:] * v[:-1])) for v in scaled)
+    count = sum(v.size for v in scaled)
+    # Of white noise a normal number: the mean of so many products.
+    if alike < _ALIKE * np.sqrt(count) * max(sum(float(np.sum(v * v)) for v in scaled) / count, 1):
+        return None
+    found = _likeliest([part for track in tracks.values() for part in _contrasts(result, *track)])
+    if found is None:
+        return None
+    ratio, constant, white = found
+    factor = {}
+    for name, (_, time) in tracks.items():
+        together = float(SlowNoise(constant).correlation(time).sum()) / len(time)
+        for part in AXES:
+            factor[part, name] = white * float(np.sqrt(1.0 + ratio * together))
+    if max(factor.values()) < FACTOR:
+        return None
+    return Slow(ratio, constant, white, factor)
+
+
+class _Contrasts(NamedTuple):
+    """Sums u (m,) of residuals of some positions at times (n,) that are independent, of size 1
+    each, where errors are; by (n, m): they are by' e."""
+
+    time: np.ndarray
+    by: np.ndarray
+    u: np.ndarray
+
+
+def _contrasts(result: Adjustment, rows: np.ndarray, time: np.ndarray) -> Iterator[_Contrasts]:
+    """Of each axis of a flight; of a long one three windows."""
+    gnss = result.system.gnss
+    for first in np.unique(np.linspace(0, max(len(rows) - _WINDOW, 0), 3).astype(int)):
+        at = rows[first : first + _WINDOW]
+        for axis in range(3):
+            design = gnss.jacobian[3 * at + axis].toarray() / gnss.sigma[at, axis, None]
+            share = np.eye(len(at)) - design @ result.covariance.solve(design.T)
+            size, vector = np.linalg.eigh(0.5 * (share + share.T))
+            kept = size > _SEEN
+            root = np.sqrt(size[kept])
+            v = gnss.residual[at, axis] / gnss.sigma[at, axis]
+            yield _Contrasts(
+                time[first : first + _WINDOW], vector[:, kept] * root, vector[:, kept].T @ v / root
             )
-    return result
 
 
-def with_motion_as_seen(result: Adjustment, again: Again) -> Adjustment:
-    """Adjusted with errors of velocities of the size that the readout and the pictures say."""
-    for _ in range(_MOTION_ROUNDS):
-        model, p = result.problem.model, result.problem
-        if not p.beside or not result.converged:
-            return result
-        before, now = model.motion or MotionScale(), _motion_scale(result)
-        if all(abs(np.log(a / b)) < _SAME for a, b in zip(now, before, strict=True)):
-            return result
-        start = result.start
-        result = again(result.block, replace(model, motion=now))
-        result.start = start
-    result.add_note(
-        f"The size of the errors of the velocities did not settle in {_MOTION_ROUNDS} rounds "
-        f"({before.moved:.2g}, then {now.moved:.2g} times what is stated): the readout time "
-        "depends on it, and its standard deviation holds for the last of them."
-    )
-    return result
-
-
-def _motion_scale(result: Adjustment) -> MotionScale:
-    """By what the deviations of velocities and of angular rates count, by this result.
-
-    Source: Förstner 1979 (v'Pv / r); what is stated counts as some observations of its own.
-    """
-    p = result.problem
-    before = p.model.motion or MotionScale()
-    table = result.effects
-    found = table.loc[table["parameter"] == "readout", "value"].abs()
-    readout = max([_LEAST_S, *found[np.isfinite(found)]])
-    factors = []
-    for axes, factor in (("x", "y", "z"), before.moved), (_TURNS, before.turned):
-        own = [
-            (n, slug, k)
-            for n, (slug, k) in enumerate(p.per_image_unknowns)
-            if slug in p.beside and p.stack.members[slug].parameters[k].name in axes
-        ]
-        if own:
-            number = [n for n, _, _ in own]
-            value = np.stack([result.state.effects[slug][:, k] for _, slug, k in own], axis=1)
-            weight = p.per_image_prior[1][:, number]
-            left = np.einsum("nii->ni", result.covariance.each_pose)[:, 6 + np.array(number)]
-            stated = factor * before.readout / readout
-            seen = float(np.sum(value**2 * weight)) * stated**2
-            counts = float(np.sum(np.clip(1.0 - left * weight, 0.0, 1.0)))
-            factor = float(np.sqrt((seen + _STATED_COUNTS) / (counts + _STATED_COUNTS)))
-        factors.append(factor)
-    return MotionScale(readout, *factors)
+def _likeliest(parts: list[_Contrasts]) -> tuple[float, float, float] | None:
+    """Ratio, time constant and w of `Slow`; None where white noise alone is as likely."""
+    free = sum(len(one.u) for one in parts)
+    best, plain = (np.inf, 0.0, 0.0, 1.0), np.inf
+    for constant in _CONSTANTS:
+        sizes, squares = [], []
+        for one in parts:
+            alike = one.by.T @ SlowNoise(constant).correlation(one.time) @ one.by
+            size, vector = np.linalg.eigh(alike)
+            sizes.append(size)
+            squares.append((vector.T @ one.u) ** 2)
+        size, square = np.concatenate(sizes), np.concatenate(squares)
+        known = (np.log(constant / _USUAL[0]) / _USUAL[1]) ** 2
+        plain = free * np.log(np.sum(square) / free)
+        for ratio in _RATIOS:
+            spread = 1.0 + ratio * size
+            variance = float(np.sum(square / spread)) / free
+            value = free * np.log(variance) + np.sum(np.log(spread)) + known
+            best = min(best, (value, ratio, constant, np.sqrt(variance)))
+    return best[1:] if plain - best[0] > chdtri(2, RARE) else None

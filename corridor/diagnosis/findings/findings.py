@@ -30,7 +30,7 @@ class Estimate:
     alternatives: slugs that cannot be told apart from it. separate: what would. key, rivals: of
     its group, and of theirs (see `Group`). instead: control points that may be wrong in its place.
     change: of a flight but the first, its parameters less those of the flight before, with the
-    sigma of that difference.
+    sigma of that difference. untold: why its size cannot be told, where it cannot.
     """
 
     slug: str
@@ -45,6 +45,7 @@ class Estimate:
     values: EffectValues | None = None
     instead: str = ""
     change: list[dict] = field(default_factory=list)
+    untold: str = ""
 
     def or_instead(self, points: str) -> None:
         """Other control points may be wrong in its place."""
@@ -62,6 +63,7 @@ class Estimate:
             **self.where,
             **({"or_instead": self.instead} if self.instead else {}),
             **({"change_from_flight_before": self.change} if self.change else {}),
+            **({"size_cannot_be_told": self.untold} if self.untold else {}),
         }
         if self.values is not None:
             out |= {"group": self.values.kind, "values": self.values.to_json()}

@@ -45,7 +45,18 @@ def sentence(diagnosis: Diagnosed) -> str:
     told = tell[diagnosis.verdict](diagnosis)
     if diagnosis.verdict in ("named", "ambiguous", "unknown"):
         told += _still_off(diagnosis)
-    return told + _halves(diagnosis)
+    return told + _untold(diagnosis) + _halves(diagnosis)
+
+
+def _untold(d: Diagnosed) -> str:
+    """What explains the data, and has no size that could be told."""
+    known = effects_by_slug(d.block)
+    return "".join(
+        f" {upper(placed(known[one.slug].called, one.where))} would explain some of it, but how "
+        f"much of it there is cannot be told: {one.untold}."
+        for one in d.findings.effects
+        if one.untold
+    )
 
 
 def _still_off(d: Diagnosed) -> str:
@@ -257,8 +268,8 @@ def _told(d: Diagnosed, estimates: list[Estimate]) -> list[tuple[str, str]]:
 
 
 def _values(estimate: Estimate) -> str:
-    """readout 24.8 +- 0.5 ms; x 60 +- 3, y -40 +- 3 mm."""
-    rows = estimate.parameters
+    """readout 24.8 +- 0.5 ms; x 60 +- 3, y -40 +- 3 mm; nothing where it cannot be told."""
+    rows = [] if estimate.untold else estimate.parameters
     if len(rows) > 1:
         clear = [p for p in rows if abs(p["value"]) > CLEAR * p["sigma"]]
         rows = clear or rows

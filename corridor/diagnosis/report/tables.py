@@ -46,6 +46,8 @@ def found(d: Diagnosed) -> pd.DataFrame:
         alike = listed([known[slug].called for slug in one.alternatives], "or") or DASH
         for k, p in enumerate(one.parameters[:MOST]):
             value, sigma, unit = value_and_sigma(p)
+            if one.untold:
+                value, sigma = "cannot be told", DASH
             first = k == 0
             rows.append(
                 (

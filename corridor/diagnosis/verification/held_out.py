@@ -22,8 +22,11 @@ from scipy.special import stdtrit
 
 from corridor.core.adjustment import Adjustment, LinearSystem, Loss
 from corridor.core.block import Block
-from corridor.core.geometry import UNUSABLE, is_outlier, robust_scale_of_lengths
+from corridor.core.effects import Effect
+from corridor.core.geometry import OUTLIER, UNUSABLE, is_outlier, robust_scale_of_lengths
+from corridor.core.output import scaled
 from corridor.core.preparation import strips_of
+from corridor.diagnosis.findings.findings import Estimate
 from corridor.diagnosis.noise.image import places, scale_of
 from corridor.diagnosis.settings import SETTINGS
 
@@ -253,6 +256,32 @@ def harms(without: Adjustment, with_it: Adjustment) -> bool:
     s = d - before
     noise = np.sqrt(((np.abs(s) * sigma).sum(axis=0) ** 2).sum())
     return bool((d * s).sum() > SETTINGS.harm_sigma * noise)
+
+
+def untold(one: Estimate, effect: Effect, fit: Adjustment) -> str:
+    """Why the size of what was found cannot be told, nothing where it can.
+
+    Either no camera or flight has as much, or the equations at the last fit say something else than
+    the fit with it, by more than chance and by more than half: such a flight hardly determines it.
+    """
+    most = {parameter.name: parameter.most for parameter in effect.parameters(fit.start)}
+    rows = fit.effects[fit.effects["slug"] == one.slug]
+    if one.where:
+        rows = rows[rows["group"].astype(str).isin([str(name) for name in one.where.values()])]
+    fitted = dict(zip(rows["parameter"], rows["value"], strict=True))
+    for told in one.parameters:
+        name, value, sigma = told["name"], told["value"], told["sigma"]
+        factor, unit = scaled(told["unit"], value, sigma, name=name)
+        if abs(value) > most.get(name, np.inf):
+            return f"{name} would be {factor * value:.3g} {unit}, and none is beyond " + (
+                f"{factor * most[name]:.3g} {unit}".strip()
+            )
+        other = fitted.get(name, value)
+        if one.values is None and abs(other - value) > max(OUTLIER * sigma, 0.5 * abs(value)):
+            return f"{name} is {factor * value:.3g} {unit} by the equations of one fit, and " + (
+                f"{factor * other:.3g} {unit} in the next".replace("  ", " ")
+            )
+    return ""
 
 
 def preferred(

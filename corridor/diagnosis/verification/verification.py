@@ -34,6 +34,7 @@ from corridor.diagnosis.verification.held_out import (
     improves,
     preferred,
     tie_gap,
+    untold,
 )
 
 
@@ -79,6 +80,7 @@ class Verification:
             self._choose_effects()
             self._choose_shapes()
         self._drop_harmful()
+        self._drop_untold()
 
     def gap(self, after: Adjustment) -> dict[str, dict | None]:
         """RMS before and after by what no fit has used, and of the antenna; see diagnosis.json.
@@ -395,3 +397,25 @@ class Verification:
             ):
                 return key, others, bare
         return None
+
+    def _drop_untold(self) -> None:
+        """Say no effect for sure, and no value of it, whose size cannot be told."""
+        groups = {group.key: group for group in self._groups}
+        for one in self.findings.effects:
+            if one.key not in groups or one.kind == "suspected" or one.key not in self.used:
+                continue
+            one.untold = untold(one, groups[one.key].effect, self._now)
+            if one.untold:
+                self.notes.append(
+                    f"{one.key} explains what was measured, but its size cannot be told: "
+                    f"{one.untold}. It is not taken for sure, and not added."
+                )
+        gone = [one.key for one in self.findings.effects if one.untold]
+        if not gone:
+            return
+        for one in self.findings.effects:
+            if one.key in gone:
+                one.kind = "suspected"
+        others, bare = self._without(*gone)
+        if bare is not None:
+            self._go_on(others, bare)

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 from strips import corridor_block
 
 import corridor
-from corridor.core.adjustment import variance_components as readjusting
+from corridor.core.adjustment import readjusting
 
 SCATTER = np.array([0.3, 0.3, 0.6])
 

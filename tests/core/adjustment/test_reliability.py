@@ -8,7 +8,12 @@ from strips import corridor_block
 
 import corridor
 from corridor.core.adjustment import Covariance, LinearSystem
-from corridor.core.adjustment.cofactors import of_antennas, of_control, of_points
+from corridor.core.adjustment.cofactors import (
+    of_antennas,
+    of_control,
+    of_points,
+    shares_of_antennas,
+)
 from corridor.core.adjustment.reliability import DELTA
 from corridor.core.adjustment.snooping import blunders
 
@@ -41,6 +46,18 @@ MODELS = {
 }
 
 
+class TestSumsOfRedundancies:
+    def test_random_signs_know_them_as_well_as_they_say(self):
+        """Sums r over 72 positions, in plan and in height: sqrt(2 r / 64), four of it."""
+        adjusted = corridor.adjust(flown(images=72))
+        exact = np.einsum("nii->ni", of_antennas(adjusted.covariance))
+        found = shares_of_antennas(adjusted.covariance)
+        for axes in (slice(0, 2), slice(2, 3)):
+            r = exact[:, axes].sum()
+            assert abs(found[:, axes].sum() - r) < 4.0 * np.sqrt(2.0 * r / 64.0)
+            assert found[:, axes].sum() != r
+
+
 class TestCofactors:
     @pytest.mark.parametrize("model", MODELS)
     def test_they_are_those_of_a_dense_inverse(self, model):
@@ -50,6 +67,7 @@ class TestCofactors:
         for k, one in enumerate(of_antennas(adjusted.covariance)):
             part = slice(gnss + 3 * k, gnss + 3 * k + 3)
             assert np.abs(one - whole[part, part]).max() < tolerance
+            assert np.abs(shares_of_antennas(adjusted.covariance)[k] - one.diagonal()).max() < 1e-9
         points = np.flatnonzero(p.point_kinds)
         found = list(of_points(adjusted.covariance, points))
         for one in found:

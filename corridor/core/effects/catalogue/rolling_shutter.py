@@ -15,6 +15,9 @@ from corridor.core.errors import InputError
 _FAR_SIGMAS, _FAR_SHARE = 3.0, 0.15
 # A stated shutter that is left out and moves the rows of a picture by more than this (px) is told.
 _MOVED_PX = 1.0
+# Of 1,223 published readouts the longest takes 299 ms (Fujifilm GFX 50S, all rows of a still).
+# Source: horshack-dpreview/RollingShutter, full_sensor.json, 2026.
+LONGEST_S = 0.3
 
 _PER_FLIGHT = Variant(
     slug="rolling_shutter_per_flight",
@@ -48,7 +51,8 @@ class RollingShutter(LinearEffect):
     variants = (_PER_FLIGHT,)
 
     def parameters(self, block):
-        return [Parameter("readout", "s", scale=0.030, text="from the first to the last row")]
+        text = "from the first to the last row"
+        return [Parameter("readout", "s", scale=0.030, text=text, most=LONGEST_S)]
 
     def stated(self, block):
         """The readout_s of the cameras in block.toml."""

@@ -11,7 +11,7 @@ data/sequoia, whose gyroscope comes 43 ms late.
 
 import numpy as np
 
-from corridor.core.effects.catalogue.rolling_shutter import readout_doubts
+from corridor.core.effects.catalogue.rolling_shutter import LONGEST_S, readout_doubts
 from corridor.core.effects.contract import Effect, Parameter, linear
 
 # Rates of a rocking wing or a gimbal change a few times within one readout.
@@ -49,7 +49,7 @@ class RollingShutterRotation(Effect):
             start = given[0] if given else _USUAL_READOUT_S
             return [
                 # Without a readout the delay would do nothing: both start from a shutter.
-                Parameter("readout", "s", scale=0.030, start=start),
+                Parameter("readout", "s", scale=0.030, start=start, most=LONGEST_S),
                 Parameter("delay", "s", scale=0.020, text="of the gyroscope's clock"),
             ]
         # 0.3 degrees a second for 25 ms.

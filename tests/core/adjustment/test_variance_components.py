@@ -5,7 +5,7 @@ import pytest
 from strips import corridor_block
 
 import corridor
-from corridor.core.adjustment.group_variances import _Contrasts, _likeliest
+from corridor.core.adjustment.variance_components import _Contrasts, _likeliest
 from corridor.core.gnss import SlowNoise
 
 TRUE = np.array([0.02, 0.02, 0.04])
