@@ -84,20 +84,24 @@ class ReferenceModel:
             out[str(which)] = wish.prior
         return out
 
-    def _refitted(self, block: Block, model: Model, brief: bool, near: bool) -> Adjustment:
+    def _refitted(
+        self, block: Block, model: Model, brief: bool, near: bool, motion: bool
+    ) -> Adjustment:
         """By the solver alone: all adjustments that are compared are of the same observations.
 
-        brief: few iterations are given, and more where the cost still falls.
+        brief: few iterations are given, and more where the cost still falls. near, motion: as of
+        `core.adjustment.refit`.
         """
         most = self.run.max_iterations or SETTINGS.iterations
-        few = SETTINGS.iterations_of_shapes if brief or near else SETTINGS.iterations_asked
+        few = SETTINGS.iterations_of_shapes if brief else SETTINGS.iterations_asked
         for iterations in (min(few, most), most):
             run = replace(self.run, max_iterations=iterations)
-            result = adjustment.refit(block, model, run, near)
+            result = adjustment.refit(block, model, run, near, motion)
             cost = [step["cost"] for step in result.history]
-            settled = SETTINGS.creeping if brief or near else SETTINGS.settled
+            settled = SETTINGS.creeping if brief else SETTINGS.settled
             if result.converged or cost[-min(_LAST, len(cost))] - cost[-1] < settled * cost[-1]:
                 break
+            block, near = _from(block, result.start_again), True
         return result
 
     def _first(self, model: Model) -> Adjustment:
@@ -107,10 +111,15 @@ class ReferenceModel:
         return adjustment.adjust(self.block, model=model, run=run, weights="stated")
 
     def adjust(
-        self, more: Iterable[Effect] = (), block: Block | None = None, near: bool = False
+        self,
+        more: Iterable[Effect] = (),
+        block: Block | None = None,
+        near: bool = False,
+        after: Adjustment | None = None,
     ) -> Adjustment:
         """The robust adjustment with more effects.
 
+        after: of about the same model: it begins where that ended, and its loss counts at once.
         near: as a rival of what has been fitted: it begins beside that, and a few iterations tell.
         Shapes with a hundred parameters creep to an end that they need not reach either.
         Effects that can do what a free camera can are held by a wide prior, those of single images
@@ -131,8 +140,7 @@ class ReferenceModel:
                     priors.setdefault(f"{effect.slug}.{parameter.name}", (0.0, sigma))
         block = self.block if block is None else block
         if self.begun is not None and not (more and self.astray):
-            at = self.begun
-            block = replace(block, images=at.images, points=at.points, cameras=at.cameras)
+            block = _from(block, self.begun if after is None else after.start_again)
         first = self.begun is None
         # Positions of metres are weighted by their scatter first, for which squares do.
         coarse = first and arms_unseen(block)
@@ -144,8 +152,9 @@ class ReferenceModel:
         if first:
             result = self._first(model)
         else:
-            near = near and not self.astray
-            result = self._refitted(block, model, any(effect.generic for effect in more), near)
+            brief = (near and not self.astray) or any(effect.generic for effect in more)
+            begins = (near or after is not None) and not (more and self.astray)
+            result = self._refitted(block, model, brief, begins, motion=not near)
         # Warnings compare what comes out with what the block states, not with where it began.
         result.start = replace(result.start, cameras=self.block.cameras)
         if not first:
@@ -179,6 +188,11 @@ class ReferenceModel:
             gnss=gnss,
             extra=result.start.extra,
         )
+
+
+def _from(block: Block, at: Block) -> Block:
+    """The block with poses, points and cameras of another of the same as start."""
+    return replace(block, images=at.images, points=at.points, cameras=at.cameras)
 
 
 def _refuse_astray(result: Adjustment) -> None:

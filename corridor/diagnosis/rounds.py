@@ -12,12 +12,12 @@ from functools import partial
 
 import numpy as np
 
-from corridor.core.adjustment import Adjustment, listed
+from corridor.core.adjustment import Adjustment, LinearSystem, listed
 from corridor.core.block import Block
 from corridor.core.brief import brief
 from corridor.core.effects import Candidates, Effect, candidates, every_effect
 from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.diagnosis.evidence.beside_noise import NoiseModel, beyond_noise, through_noise
+from corridor.diagnosis.evidence.beside_noise import NoiseModel, beyond_noise, known, through_noise
 from corridor.diagnosis.evidence.blunders import Blunders, blunders, price, stands
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.lens import Lens, lens_group, lens_of, names_of_lens
@@ -28,9 +28,12 @@ from corridor.diagnosis.evidence.search import Found, search, thresholds
 from corridor.diagnosis.noise.gnss import GnssNoise
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS, Settings
-from corridor.diagnosis.system.elimination import Elimination
+from corridor.diagnosis.system.elimination import Elimination, too_wide
 from corridor.diagnosis.system.equations import Equations, equations
 from corridor.diagnosis.system.groups import with_points
+
+# Rows of an image: its pose, the slow noise of its position, and as many values as its pose has.
+_WITH_VALUES = 15
 
 # Log evidence that a group has to bring, by its kind; or what makes it from evidence.
 Threshold = dict[str, float] | Callable[[Evidence], dict[str, float]]
@@ -89,6 +92,7 @@ class Course:
 
     impossible: keys of groups that would need a size which does not happen, and a sentence each.
     draws: what independent noise leaves of itself, see `clusters`. p_nothing: see `nothing`.
+    unasked: a sentence on what such a block as a whole cannot be asked for.
     """
 
     first: Adjustment
@@ -98,6 +102,7 @@ class Course:
     impossible: dict[str, str] = field(default_factory=dict)
     draws: list[np.ndarray] = field(default_factory=list)
     p_nothing: float = 1.0
+    unasked: str = ""
 
     @property
     def idle(self) -> list[str]:
@@ -159,6 +164,7 @@ def course_of(
     )  # fmt: skip
     _check_priors(believed, chosen.effects)
     course = Course(first, [], chosen, _without_motion(believed.block, chosen))
+    course.unasked = _without_images(system, chosen)
     threshold: Threshold = partial(
         thresholds, level=asked.level, rng=np.random.default_rng(asked.seed)
     )
@@ -231,6 +237,31 @@ def _without_motion(block: Block, chosen: Candidates) -> list[str]:
         "tested, and what differs from row to row has no name. Velocities in images.csv, or "
         "readout_s in block.toml, would give it one."
     ]
+
+
+def _without_images(system: LinearSystem, chosen: Candidates) -> str:
+    """Take out what an area of photographs is too large for; a sentence on that, or nothing."""
+    few = system.gnss.sigma.size < SETTINGS.few_antenna_coordinates
+    noise = not few and not known(system)
+    gone = [
+        effect
+        for effect in chosen.effects
+        if (noise and effect.place == "antenna")
+        or (effect.group == "image" and too_wide(system, _WITH_VALUES))
+    ]
+    if not gone:
+        return ""
+    chosen.effects = [effect for effect in chosen.effects if effect not in gone]
+    chosen.untestable |= {
+        effect.slug: "a block of a few neighbouring strips, in place of the whole area"
+        for effect in gone
+    }
+    return (
+        f"{'Errors of the GNSS and values' if noise else 'Values'} for each image ({len(gone)} "
+        f"effects) cannot be told of this block as a whole: its {system.problem.image_count} "
+        "images are no corridor, but hang together with others up to "
+        f"{system.problem.bandwidth - 1} places away; a few neighbouring strips can be asked."
+    )
 
 
 def _from_their_start(

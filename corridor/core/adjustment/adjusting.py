@@ -139,9 +139,9 @@ def adjust(
     block, left_out = sound_part(block, model, run.strict)
     doubtful = doubts(block)
 
-    def again(part: Block, model: Model = model) -> Adjustment:
+    def again(part: Block, model: Model = model, begun: bool = False) -> Adjustment:
         try:
-            return _once(part, model, run)
+            return _once(part, model, run, begun=begun)
         except AdjustmentFailed:
             if not model.effects:
                 raise
@@ -179,12 +179,15 @@ def adjust(
     return result
 
 
-def refit(block: Block, model: Model, run: Run, near: bool = False) -> Adjustment:
+def refit(
+    block: Block, model: Model, run: Run, near: bool = False, motion: bool = True
+) -> Adjustment:
     """One adjustment of a block that is ready, for comparison with others of the same.
 
     Every observation counts as it is stated: nothing is derived, weighted anew or left out, but for
     the size of errors of velocities that are unknowns, where the model does not state it.
-    near: the start is near the result: a robust loss counts at once, and that size is as usual.
+    near: the start is near the result: a robust loss counts at once. motion: False: that size is as
+    usual.
     Raises InputError and AdjustmentFailed as `adjust` does.
     """
     run = replace(run, strict=True)
@@ -193,7 +196,7 @@ def refit(block: Block, model: Model, run: Run, near: bool = False) -> Adjustmen
         return _once(part, model, run, near=near)
 
     found = once(block, model)
-    return found if near or model.motion else with_motion_as_seen(found, once)
+    return with_motion_as_seen(found, once) if motion and not model.motion else found
 
 
 def _with_ground_as_seen(
@@ -240,11 +243,17 @@ def _used(prepared: Prepared, effects: list[Effect]) -> list[str]:
 
 
 def _once(
-    block: Block, model: Model, run: Run, spare: int | None = None, near: bool = False
+    block: Block,
+    model: Model,
+    run: Run,
+    spare: int | None = None,
+    near: bool = False,
+    begun: bool = False,
 ) -> Adjustment:
     """One adjustment.
 
-    near: whether the start is near the result.
+    near: whether the start is near the result. begun: whether another of the same has ended, so
+    that no pose is undetermined.
     spare: how many images may be left out because nothing determines their pose; None: a few.
     """
     began = time.perf_counter()
@@ -271,7 +280,7 @@ def _once(
     def at(state: State) -> LinearSystem:
         return LinearSystem(problem, state, loss, threads=threads)
 
-    loose = None if run.strict or not spare else _undetermined(at(problem.start))
+    loose = None if run.strict or begun or not spare else _undetermined(at(problem.start))
     if loose is not None:
         return _without_image(start, block, *loose, model, run, spare)
     solution, iterations = None, run.max_iterations or ITERATIONS

@@ -172,7 +172,7 @@ def from_where_it_ended(result: Adjustment, start: Block, model: Model, again: A
     """Adjusted with positions and stated arms of `start`, from the poses that were found."""
     ended = result.start_again
     ended.gnss, ended.lever_arm, ended.extra = start.gnss, start.lever_arm, start.extra
-    found = again(ended, model)
+    found = again(ended, model, begun=True)
     found.start = start
     found.keep_notes(result)
     return found

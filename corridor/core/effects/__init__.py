@@ -8,12 +8,12 @@ model. `Values` are what was given or found. A new effect is a new file with one
 
 from corridor.core.effects.context import Context, Images, group_names, group_of_image
 from corridor.core.effects.contract import (
+    AlongAxes,
     Effect,
     LinearEffect,
     Parameter,
     Variant,
     Without,
-    along_both,
     along_each,
     edge_of,
     of_interior,
@@ -57,6 +57,7 @@ __all__ = [
     "Effect",
     "EffectValues",
     "Images",
+    "AlongAxes",
     "LinearEffect",
     "Member",
     "OwnVelocityError",
@@ -67,7 +68,6 @@ __all__ = [
     "Variant",
     "Without",
     "add",
-    "along_both",
     "along_each",
     "believed_of",
     "every_effect",

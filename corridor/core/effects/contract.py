@@ -271,6 +271,18 @@ class LinearEffect(Effect):
         return linear(derivative, values), derivative
 
 
+class AlongAxes(LinearEffect):
+    """An effect that moves each axis of its place by the same terms: x by its first values."""
+
+    @abstractmethod
+    def terms(self, context: Context) -> np.ndarray:
+        """Terms (rows, k); the effect has k parameters for x, then as many for y, and so on."""
+
+    def derivative(self, context: Context) -> np.ndarray:
+        """Each axis by the terms."""
+        return along_each(self.terms(context), PLACES[self.place])
+
+
 def linear(derivative: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Shift (rows, dimension): derivative (rows, dimension, parameters) times values."""
     values = np.broadcast_to(values, (len(derivative), derivative.shape[2]))
@@ -301,11 +313,6 @@ def along_each(terms: np.ndarray, axes: int = 3) -> np.ndarray:
     for axis in range(axes):
         derivative[:, axis, axis * count : (axis + 1) * count] = terms
     return derivative
-
-
-def along_both(terms: np.ndarray) -> np.ndarray:
-    """Derivative (rows, 2, 2 k) of an effect that shifts x by k terms (rows, k), and y alike."""
-    return along_each(terms, 2)
 
 
 def edge_of(block: Block) -> tuple[float, float]:

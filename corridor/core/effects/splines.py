@@ -90,8 +90,7 @@ def _splines(at: np.ndarray, inner: np.ndarray, count: int) -> np.ndarray:
         return np.zeros((0, count))
     from scipy.interpolate import BSpline  # at first use: few models have a curve
 
-    inside = np.clip(at, inner[0], inner[-1])
-    return BSpline.design_matrix(inside, _clamped(inner, degree), degree).toarray()
+    return BSpline(_clamped(inner, degree), np.eye(count), degree)(np.clip(at, inner[0], inner[-1]))
 
 
 class CameraCurve(LinearEffect):

@@ -9,7 +9,7 @@ import numpy as np
 
 from corridor.core.block import Block
 from corridor.core.effects.context import Context, Images, group_names
-from corridor.core.effects.contract import PLACES, Effect, Parameter, check_place
+from corridor.core.effects.contract import PLACES, AlongAxes, Effect, Parameter, check_place
 from corridor.core.errors import AdjustmentFailed, InputError
 
 # Slug -> (groups, parameters), as the equations have the values of effects.
@@ -108,8 +108,20 @@ class Stack:
         total = np.zeros((len(context), PLACES[place]))
         for member in self.at(place):
             if values[member.effect.slug].any():
-                total += self._one(member, context, values)[0]
+                total += self._moved(member, context, values)
         return total
+
+    def _moved(self, member: Member, context: Context, values: Arrays) -> np.ndarray:
+        """The shift (rows, dimension) of one effect, without its derivative where it can do so.
+
+        A shape has a hundred columns in that, which weigh more than all else.
+        """
+        effect, mine = member.effect, values[member.effect.slug]
+        if isinstance(effect, AlongAxes) and len(mine) == 1:
+            terms = effect.terms(context)
+            if not np.isnan(terms.sum()):
+                return terms @ mine.reshape(PLACES[effect.place], -1).T
+        return self._one(member, context, values)[0]
 
     def moved_ground(
         self, images: Images, names: list[str], position: np.ndarray, values: Arrays

@@ -17,10 +17,12 @@ from corridor.diagnosis.evidence.search import Found
 from corridor.diagnosis.noise.gnss import GnssNoise, stated_noise
 from corridor.diagnosis.noise.likelihood import Arguments, Likely, estimate, value_of
 from corridor.diagnosis.settings import SETTINGS
-from corridor.diagnosis.system.elimination import Elimination
+from corridor.diagnosis.system.elimination import Elimination, too_wide
 
 # Random signs that tell how much of values for each image the antenna sees: to a tenth.
 _SIGNS = 24
+# Rows of an image: its pose, and the slow noise of its antenna position on three axes.
+_WITH_STATES = 9
 
 
 class NoiseModel:
@@ -37,7 +39,7 @@ class NoiseModel:
         made = evidence.reduced.elimination
         self.equations = made.equations if made is not None else None
         self.lens = made.rows if made is not None else ()
-        self.few = made is None or few_positions(made.equations.system)
+        self.few = made is None or not known(made.equations.system)
         self._touches: dict[tuple, float] = {}
         self._found: dict[tuple, Likely] = {}
         if self.few:
@@ -259,6 +261,8 @@ def _probability(
     return float(np.logaddexp.reduce(list(each.values()))), float(sizes[max(each, key=each.get)])
 
 
-def few_positions(system: LinearSystem) -> bool:
-    """Whether there are too few antenna positions to tell of their noise."""
-    return system.gnss.sigma.size < SETTINGS.few_antenna_coordinates
+def known(system: LinearSystem) -> bool:
+    """Whether the noise of the antenna positions can be told: there are enough of them, and the
+    block is no area of photographs, in which a state for each of them would be too much."""
+    enough = system.gnss.sigma.size >= SETTINGS.few_antenna_coordinates
+    return enough and not too_wide(system, _WITH_STATES)

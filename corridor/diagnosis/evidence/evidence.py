@@ -15,16 +15,19 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
+from threading import Lock
 
 import numpy as np
 from scipy.linalg import eigh
 
-from corridor.diagnosis.settings import SETTINGS
+from corridor.diagnosis.settings import SETTINGS, side_by_side
 from corridor.diagnosis.system.elimination import Elimination, Reduced, rows_of
 from corridor.diagnosis.system.groups import Group
 
 # Systems beside values for each image, and models, that are kept.
 _SYSTEMS, _MODELS = 48, 8
+_ONE = Lock()
 
 # A size in prior standard deviations, of all parameters of a group or of each (p,).
 Size = float | np.ndarray
@@ -184,19 +187,22 @@ class Evidence:
         if not images:
             return self.reduced
         key = _key(images)
-        if key not in self._systems:
+        found = self._systems.get(key)
+        if found is None:
             made = self.reduced.beside(self.rows(images))
-            _keep(self._systems, key, replace(made, beside=None, elimination=None), _SYSTEMS)
-        return self._systems[key]
+            found = replace(made, beside=None, elimination=None)
+            _keep(self._systems, key, found, _SYSTEMS)
+        return found
 
     def beside(self, chosen: Mapping[int, Size]) -> Beside:
         """What groups n -> kappa leave of the core, and what they explain."""
         key = _key(chosen)
-        if key not in self._models:
+        found = self._models.get(key)
+        if found is None:
             found = self._beside(chosen)
             _keep(self._models, key, found, _MODELS)
             self._sums[key] = found.fit, found.cost
-        return self._models[key]
+        return found
 
     def explained(self, chosen: Mapping[int, Size]) -> tuple[float, float]:
         """What groups n -> kappa explain, and what they cost: their log evidence is the difference.
@@ -308,11 +314,14 @@ class Evidence:
         asked = [n for n in asked if n not in chosen and self.groups[n].key not in self.barred]
         base = self.beside(chosen)
         out = [Gain(-np.inf, 1.0, 0.0)] * len(self.groups)
+        factor = self.inflation if spread else np.ones(len(self.groups))
+        own = [n for n in asked if self.groups[n].own is not None and self.reduced.beside]
+        works = (partial(self._gain_of_images, chosen, n, factor[n]) for n in own)
+        for n, gain in zip(own, side_by_side(self._threads, *works), strict=True):
+            out[n] = gain
         for n in asked:
-            group, phi = self.groups[n], self.inflation[n] if spread else 1.0
+            group, phi = self.groups[n], factor[n]
             if group.own is not None:
-                if self.reduced.beside is not None:
-                    out[n] = self._gain_of_images(chosen, n, phi)
                 continue
             inside = base.M[np.ix_(group.columns, group.columns)] / phi
             mine = base.g[group.columns] / phi
@@ -321,6 +330,13 @@ class Evidence:
         if not spread and only is None:
             self._gains[key] = out
         return out
+
+    @property
+    def _threads(self) -> int:
+        """Of small blocks threads wait for each other longer than they work."""
+        made = self.reduced.elimination
+        large = made and len(made.equations.system.columns.images) > SETTINGS.large_block
+        return made.equations.system.threads if large else 1
 
     def _gain_of_images(self, chosen: Mapping[int, Size], n: int, phi: float) -> Gain:
         """What values for each image add to a model.
@@ -371,9 +387,10 @@ class Evidence:
 
 def _keep(kept: dict, key: tuple, value, most: int) -> None:
     """Keep a value, and of those before it the last ones: each weighs a megabyte."""
-    while len(kept) >= most:
-        del kept[next(iter(kept))]
-    kept[key] = value
+    with _ONE:
+        while len(kept) >= most:
+            del kept[next(iter(kept))]
+        kept[key] = value
 
 
 def _key(chosen: Mapping[int, Size]) -> tuple:

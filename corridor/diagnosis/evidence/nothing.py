@@ -130,8 +130,7 @@ def of_antenna(elimination: Elimination, draws: int, rng: np.random.Generator) -
     if noise is None:
         moved = e.stated[:, None] * rng.standard_normal((len(e.stated), draws))
     else:
-        each = [noise.draw(rng).ravel() for _ in range(draws)]
-        moved = np.stack(each, axis=1)
+        moved = noise.draw(rng, draws)
     return elimination.scores(np.zeros((len(e.system.columns), draws)), moved, priors)
 
 

@@ -20,8 +20,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from corridor.core.adjustment import Adjustment
+from corridor.core.adjustment import Adjustment, Design, Sets
+from corridor.core.engine.panels import PANEL
 from corridor.diagnosis.evidence.evidence import Evidence, inverted
+from corridor.diagnosis.evidence.nothing import residuals
 from corridor.diagnosis.evidence.search import Found
 from corridor.diagnosis.noise.image import places
 from corridor.diagnosis.settings import SETTINGS
@@ -29,8 +31,8 @@ from corridor.diagnosis.system.elimination import Elimination
 from corridor.diagnosis.system.equations import Equations
 from corridor.diagnosis.system.groups import Group
 
-# Share of a change that is short enough to be linear, and long enough not to be rounding.
-_SHORT = 1e-3
+# Changes that pass the points at once.
+_TOGETHER = PANEL
 
 
 class Influence:
@@ -41,18 +43,33 @@ class Influence:
         self.draws = draws or []
         self.elimination = elimination
         self.equations = e = elimination.equations
-        self._here = self._at(np.zeros(len(e.unit)))
+        sigma = e.scales.of_observation
+        self._sigma = np.where(np.isfinite(sigma), sigma, 0.0)[:, None]
+        self._design = Design(e.system)
         # Poses and nuisance go where this noise of the GNSS has them, and a lens where it is.
         first = elimination.solve(elimination.here)
-        (left,) = self._residuals(first, np.zeros((len(e.at), 1)))
-        self.residual = np.nan_to_num(left)
+        step = self._changes(first, np.zeros((len(e.at), 1)))
+        left, *_ = self._design.back(residuals(elimination), step)
+        self.residual = self._sigma * left.image[0].reshape(-1, 2)
         self.antenna = e.residual - (elimination.jacobian @ first)[:, 0]
         self.weight = e.scales.of_observation**-2.0
 
     def moves(self, core: np.ndarray) -> Iterator[np.ndarray]:
         """Of each change of the core (c, k), in prior sigmas, what it moves: pixels (n, 2)."""
-        for there in self._residuals(-self.elimination.following(core), core):
-            yield np.nan_to_num(self._here - there)
+        changes = self._changes(-self.elimination.following(core), core)
+        for first in range(0, changes.shape[1], _TOGETHER):
+            yield from self._moved(changes[:, first : first + _TOGETHER])
+
+    def _moved(self, changes: np.ndarray) -> Iterator[np.ndarray]:
+        """What changes of the columns (n, k) move in the pictures, the points following."""
+        left, *_ = self._design.back(self._nothing(changes.shape[1]), changes)
+        for one in left.image:
+            yield -self._sigma * one.reshape(-1, 2)
+
+    def _nothing(self, count: int) -> Sets:
+        """So many sets of measurements without an error."""
+        rows, control = 2 * len(self._sigma), self.equations.system.control.residual.size
+        return Sets([np.zeros(rows) for _ in range(count)], np.zeros((control, count)))
 
     def scores(self, b: np.ndarray) -> np.ndarray:
         """What each observation says (n,) of what moves the pictures by b (n, 2) px."""
@@ -66,21 +83,22 @@ class Influence:
 
     def moved_by_images(self, group: Group, values: np.ndarray) -> np.ndarray:
         """What values (p,) for each image, in prior sigmas, move in the pictures (n, 2), px."""
-        return np.nan_to_num(self._here - self._after(self._change_by_images(group, values)))
+        return next(self._moved(self._change_by_images(group, values)))
 
     def ground_moved_by_images(self, group: Group, values: np.ndarray) -> np.ndarray:
         """How far values (p,) for each image, in prior sigmas, move the points (n, 3), m."""
-        system, change = self.equations.system, self._change_by_images(group, values)
-        there, here = (system.following(share * change).points for share in (_SHORT, 0.0))
-        return (there - here) / _SHORT
+        system = self.equations.system
+        design = Design(system, followed=range(len(system.state.points)))
+        _, moved, _ = design.back(self._nothing(1), self._change_by_images(group, values))
+        return moved[:, :, 0]
 
     def _change_by_images(self, group: Group, values: np.ndarray) -> np.ndarray:
-        """Change (n,) of the columns by values (p,) for each image, all else following."""
+        """Change (n, 1) of the columns by values (p,) for each image, all else following."""
         e, at = self.equations, self.elimination.at
-        change = np.zeros(len(e.unit))
-        change[at] = -e.unit[at] * self.elimination.followed(group, values)
+        change = np.zeros((len(e.unit), 1))
+        change[at, 0] = -e.unit[at] * self.elimination.followed(group, values)
         at = e.own_at[group.own]
-        change[at] += e.unit[at] * values
+        change[at, 0] += e.unit[at] * values
         return change
 
     def by_cluster(self, core: np.ndarray, cluster: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -114,25 +132,13 @@ class Influence:
         first = -self.elimination.following(core)
         return self.elimination.jacobian @ first + self.equations.core.antenna @ core
 
-    def _residuals(self, first: np.ndarray, core: np.ndarray) -> Iterator[np.ndarray]:
+    def _changes(self, first: np.ndarray, core: np.ndarray) -> np.ndarray:
+        """Changes (n, k) of the columns by those of static rows and core, in prior sigmas."""
         e, at = self.equations, self.elimination.at
-        for k in range(core.shape[1]):
-            change = np.zeros(len(e.unit))
-            change[e.at] = e.unit[e.at] * core[:, k]
-            change[at] += e.unit[at] * first[:, k]
-            yield self._after(change)
-
-    def _after(self, change: np.ndarray) -> np.ndarray:
-        """Residuals (n, 2), px, after a change (n,), were all as linear as it is nearby.
-
-        Positions that little holds go metres where the noise of the GNSS is another.
-        """
-        return self._here + (self._at(_SHORT * change) - self._here) / _SHORT
-
-    def _at(self, change: np.ndarray) -> np.ndarray:
-        """Residuals (n, 2), px, after a change of the columns (n,)."""
-        system = self.equations.system
-        return system.at(system.following(change)).residuals().pixels
+        changes = np.zeros((len(e.unit), core.shape[1]))
+        changes[e.at] = e.unit[e.at, None] * core
+        changes[at] += e.unit[at, None] * first
+        return changes
 
 
 def drawn(adjustment: Adjustment, equations: Equations) -> list[np.ndarray]:

@@ -115,14 +115,15 @@ class GnssNoise:
                 out[at] += size**2 * solveh_banded(precision, rows[at])
         return out
 
-    def draw(self, rng: np.random.Generator) -> np.ndarray:
-        """Errors (k, 3), m."""
-        out = np.zeros(len(self.stated))
+    def draw(self, rng: np.random.Generator, many: int = 1) -> np.ndarray:
+        """Errors (3k, many), m."""
+        out = np.zeros((len(self.stated), many))
         for rows, f, axis in self.blocks():
-            slow = SlowNoise(self.tau[f, axis]).draw(self.time[rows // 3], rng)[:, 0]
-            white = self.white[f, axis] * self.stated[rows] * rng.standard_normal(len(rows))
+            slow = SlowNoise(self.tau[f, axis]).draw(self.time[rows // 3], rng, many)
+            size = self.white[f, axis] * self.stated[rows, None]
+            white = size * rng.standard_normal((len(rows), many))
             out[rows] = white + self.coloured[f, axis] * slow
-        return out.reshape(-1, 3)
+        return out
 
     @property
     def log_precision(self) -> float:

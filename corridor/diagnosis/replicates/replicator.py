@@ -349,7 +349,7 @@ class Replicator:
         xy[marks] = noise.mark * mark.standard_normal((int(marks.sum()), 2))
         xy *= self.sigma[:, None]
         xy += given.xy - fit.pixels
-        antenna = np.zeros((0, 3)) if noise.gnss is None else noise.gnss.draw(gnss)
+        antenna = np.zeros((0, 3)) if noise.gnss is None else noise.gnss.draw(gnss).reshape(-1, 3)
         ground = noise.control * self.system.control.sigma
         of_check = noise.control * self.check_sigma
         columns = self.system.columns

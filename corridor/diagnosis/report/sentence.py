@@ -45,7 +45,8 @@ def sentence(diagnosis: Diagnosed) -> str:
     told = tell[diagnosis.verdict](diagnosis)
     if diagnosis.verdict in ("named", "ambiguous", "unknown"):
         told += _still_off(diagnosis)
-    return told + _untold(diagnosis) + _halves(diagnosis)
+    unasked = f" {diagnosis.course.unasked}".rstrip()
+    return told + _untold(diagnosis) + _halves(diagnosis) + unasked
 
 
 def _untold(d: Diagnosed) -> str:

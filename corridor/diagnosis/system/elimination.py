@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from threading import Lock
 from typing import NamedTuple
 
 import numpy as np
@@ -37,6 +38,7 @@ from scipy.sparse import (
     vstack,
 )
 
+from corridor.core.adjustment import LinearSystem
 from corridor.diagnosis.noise.gnss import GnssNoise
 from corridor.diagnosis.system.chain import Chain, Layout, blocks_of
 from corridor.diagnosis.system.equations import Equations
@@ -46,8 +48,12 @@ from corridor.diagnosis.system.groups import Group
 # so many of them are put into the border of the chain, the others make its links longer.
 _MOST_JUMPS = 32
 
+# Products of one factor, of which a search asks a hundred and more: some seconds of a processor.
+_MOST_PRODUCTS = 5e10
+
 # Sets of rows whose equations are kept: a search for the noise asks for one many times.
 _KEPT = 3
+_ONE = Lock()
 
 # Groups and the prior standard deviations (p,) of their parameters, in those of the parameters.
 Rows = tuple[tuple[Group, np.ndarray], ...]
@@ -116,11 +122,14 @@ class Static:
     def of(cls, e: Equations, groups: list[Group]) -> Static:
         """Of these groups as rows: noises and sizes are many, and rows the same."""
         key = tuple((group.key, group.columns.tobytes()) for group in groups)
-        if key not in e.kept:
-            while len(e.kept) >= _KEPT:
-                del e.kept[next(iter(e.kept))]
-            e.kept[key] = cls._made(e, groups)
-        return e.kept[key]
+        found = e.kept.get(key)
+        if found is None:
+            found = cls._made(e, groups)
+            with _ONE:
+                while len(e.kept) >= _KEPT:
+                    del e.kept[next(iter(e.kept))]
+                e.kept[key] = found
+        return found
 
     @classmethod
     def _made(cls, e: Equations, groups: list[Group]) -> Static:
@@ -236,6 +245,15 @@ def _ordered(
     count = np.concatenate([[0], np.cumsum(np.bincount(owner[owner >= 0], minlength=len(reach)))])
     ends, behind = blocks_of(reach)
     return order, Layout(count[ends], count[behind], int((owner < 0).sum()))
+
+
+def too_wide(system: LinearSystem, own: int) -> bool:
+    """Whether a chain of so many rows an image is more than a search can factor many times.
+
+    Photographs of an area hang together across it, and a chain of them is hardly a chain.
+    """
+    p = system.problem
+    return p.image_count * own * (float(p.bandwidth) * own) ** 2 > _MOST_PRODUCTS
 
 
 class Elimination:

@@ -66,8 +66,10 @@ class Verification:
         if not few:
             self._block, self._rows = hold_out(self._block, np.random.default_rng(seed))
         said = "Held-out observations could not be compared"
-        self._first = self._fit([], said)
-        self._now = self._fit(self.used, said) if self.used and self._first else self._first
+        self._first = self._now = self._fit([], said, after=course.first)
+        if self.used and self._first:
+            same = set(self.used) == set(course.last.log["model"])
+            self._now = self._fit(self.used, said, after=course.last.adjustment if same else None)
         if self._now is None:
             return
         self._choose_control()
@@ -110,12 +112,14 @@ class Verification:
             self.notes.append(f"The adjustment with what was found failed: {failed}")
             return last.adjustment, list(last.log["model"])
 
-    def _fit(self, keys: Sequence[str], said: str, near: bool = False) -> Adjustment | None:
+    def _fit(
+        self, keys: Sequence[str], said: str, near: bool = False, after: Adjustment | None = None
+    ) -> Adjustment | None:
         which = frozenset(keys)
         if which in self._fitted:
             return self._fitted[which]
         try:
-            fit = self._believed.adjust(self._course.members(keys), self._block, near)
+            fit = self._believed.adjust(self._course.members(keys), self._block, near, after)
         except (InputError, AdjustmentFailed) as failed:
             self.notes.append(f"{said}: {failed}")
             return None
@@ -136,7 +140,9 @@ class Verification:
     def _fits(self, others: Iterable[str], instead: str) -> dict[str, Adjustment]:
         """Fits with each of several groups in place of one, those that succeed."""
         tried = {
-            key: self._fit(self._with(key, instead), f"The fit with {key} failed", near=True)
+            key: self._fit(
+                self._with(key, instead), f"The fit with {key} failed", near=True, after=self._now
+            )
             for key in others
         }
         return {key: fit for key, fit in tried.items() if fit is not None}
@@ -268,7 +274,7 @@ class Verification:
         key = lens.group.key
         keys, number = [*self.used, key], self._last.evidence.number[key]
         where, location = locate(self._last, number, lens.theta)
-        fit = self._fit(keys, "The fit with the lens failed")
+        fit = self._fit(keys, "The fit with the lens failed", after=self._now)
         if fit is None:
             return None
         cost = Cost.of(self._now, fit, self._rows)

@@ -6,13 +6,13 @@ Source: this project (a shape for what no named effect explains).
 import numpy as np
 
 from corridor.core.effects.context import Images
-from corridor.core.effects.contract import LinearEffect, Parameter, along_each
+from corridor.core.effects.contract import AlongAxes, Parameter
 from corridor.core.effects.splines import coefficients, curve
 
 _MOST = 6
 
 
-class GnssSpline(LinearEffect):
+class GnssSpline(AlongAxes):
     slug = "gnss_spline"
     title = "GNSS positions that wander with time, smoothly, in each flight"
     called = "a slow wandering of the GNSS positions"
@@ -27,7 +27,7 @@ class GnssSpline(LinearEffect):
         count = self._count(Images.of(block))
         return [Parameter(f"{a}_{k}", "m", scale=0.05) for a in "xyz" for k in range(1, count)]
 
-    def derivative(self, context):
+    def terms(self, context):
         """Each axis moves by sum_k value_k curve_k(time), over the times of the image's flight."""
         images = context.images
         count = self._count(images)
@@ -35,7 +35,7 @@ class GnssSpline(LinearEffect):
         for flight in range(len(images.flight_names)):
             mine = images.flight == flight
             curves[mine] = curve(images.time[mine], images.time[mine], count)
-        return along_each(curves[context.image])
+        return curves[context.image]
 
     @staticmethod
     def _count(images):

@@ -3,13 +3,13 @@
 Source: this project (a shape for what no named effect explains).
 """
 
-from corridor.core.effects.contract import LinearEffect, Parameter, along_both
+from corridor.core.effects.contract import AlongAxes, Parameter
 from corridor.core.effects.splines import surface
 
 COLUMNS, ROWS = 9, 7
 
 
-class ImageDeformation(LinearEffect):
+class ImageDeformation(AlongAxes):
     slug = "image_deformation"
     title = "Any smooth deformation of the picture, B-splines on a grid of 9 x 7"
     called = "a deformation of the picture, the same in all images"
@@ -27,6 +27,6 @@ class ImageDeformation(LinearEffect):
             for k in range(1, COLUMNS * ROWS - 2)
         ]
 
-    def derivative(self, context):
+    def terms(self, context):
         """dx = sum x_k surface_k(x, y), dy alike; x, y from -1 to 1 over the picture."""
-        return along_both(surface(2.0 * context.pixel / (context.size - 1) - 1.0, COLUMNS, ROWS))
+        return surface(2.0 * context.pixel / (context.size - 1) - 1.0, COLUMNS, ROWS)

@@ -3,13 +3,13 @@
 Source: this project (a shape for what no named effect explains).
 """
 
-from corridor.core.effects.contract import LinearEffect, Parameter, along_both
+from corridor.core.effects.contract import AlongAxes, Parameter
 from corridor.core.effects.splines import surface
 
 COLUMNS, ROWS = 5, 4
 
 
-class ImageDeformationOverTime(LinearEffect):
+class ImageDeformationOverTime(AlongAxes):
     slug = "image_deformation_over_time"
     title = "Coarse deformation of the picture that grows with time, B-splines on a grid of 5 x 4"
     called = "a deformation of the picture that grows with time"
@@ -27,7 +27,7 @@ class ImageDeformationOverTime(LinearEffect):
             for k in range(1, COLUMNS * ROWS - 2)
         ]
 
-    def derivative(self, context):
+    def terms(self, context):
         """dx = t sum x_k surface_k(x, y), dy alike; t in seconds from the middle of the block."""
         surfaces = surface(2.0 * context.pixel / (context.size - 1) - 1.0, COLUMNS, ROWS)
-        return along_both(surfaces * context.time[:, None])
+        return surfaces * context.time[:, None]

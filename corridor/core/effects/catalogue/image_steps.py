@@ -5,7 +5,7 @@ Source: this project (a shape for what no named effect explains).
 
 import numpy as np
 
-from corridor.core.effects.contract import LinearEffect, Parameter, along_both
+from corridor.core.effects.contract import AlongAxes, Parameter
 
 # Lines that a step may follow, upright and level, evenly spaced over the picture, and the share of
 # their distance over which it rises: an adjustment needs a slope to go by.
@@ -13,7 +13,7 @@ UPRIGHT, LEVEL = 15, 11
 RISE = 1.0
 
 
-class ImageSteps(LinearEffect):
+class ImageSteps(AlongAxes):
     slug = "image_steps"
     title = "Sudden shifts of the picture across upright and level lines"
     called = "a sudden shift within the picture, the same in all images"
@@ -28,11 +28,11 @@ class ImageSteps(LinearEffect):
         lines = range(1, UPRIGHT + LEVEL + 1)
         return [Parameter(f"{axis}_{line}", "px", scale=0.5) for axis in "xy" for line in lines]
 
-    def derivative(self, context):
+    def terms(self, context):
         """dx = sum of x_line times the side (-1/2 to 1/2), upright lines first, dy alike."""
         share = context.pixel / (context.size - 1)
         sides = [_side(share[:, 0], UPRIGHT), _side(share[:, 1], LEVEL)]
-        return along_both(np.hstack(sides))
+        return np.hstack(sides)
 
 
 def _side(share: np.ndarray, lines: int) -> np.ndarray:

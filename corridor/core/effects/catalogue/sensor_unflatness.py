@@ -7,13 +7,13 @@ photogrammetry" (Legendre polynomials over the picture).
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
-from corridor.core.effects.contract import LinearEffect, Parameter, along_both
+from corridor.core.effects.contract import AlongAxes, Parameter
 
 # Degrees along x and y. Below 2 the terms are principal point, focal length and affinity.
 _TERMS = [(total - j, j) for total in (2, 3, 4) for j in range(total + 1)]
 
 
-class SensorUnflatness(LinearEffect):
+class SensorUnflatness(AlongAxes):
     slug = "sensor_unflatness"
     title = "Smooth deformation of the picture, degree 2 to 4"
     called = "an unevenness of the sensor"
@@ -29,8 +29,8 @@ class SensorUnflatness(LinearEffect):
     def parameters(self, block):
         return [Parameter(f"{axis}_{i}{j}", "px", scale=0.5) for axis in "xy" for i, j in _TERMS]
 
-    def derivative(self, context):
+    def terms(self, context):
         """dx = sum x_ij P_i(x) P_j(y), dy alike; x, y from -1 to 1 over the picture."""
         place = 2.0 * context.pixel / (context.size - 1) - 1.0
         along, across = (legvander(place[:, k], 4) for k in range(2))
-        return along_both(np.stack([along[:, i] * across[:, j] for i, j in _TERMS], axis=1))
+        return np.stack([along[:, i] * across[:, j] for i, j in _TERMS], axis=1)
