@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import time
 from dataclasses import asdict
-from functools import partial
 
 from corridor.core.adjustment import Adjustment, Model, Run, implausible, sound_part
 from corridor.core.block import Block, read, with_equal_axes, without_distances
@@ -23,7 +22,7 @@ from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.report import actions, as_html, as_text, evidence, save, sentence
 from corridor.diagnosis.report.beside import beside
 from corridor.diagnosis.rounds import Question, course_of
-from corridor.diagnosis.settings import Settings, side_by_side, using
+from corridor.diagnosis.settings import Settings, using
 from corridor.diagnosis.verification.halves import compare_halves
 from corridor.diagnosis.verification.held_out import check_sigmas
 from corridor.diagnosis.verification.verification import Verification
@@ -115,24 +114,17 @@ def _diagnose(
     believed = ReferenceModel.of(block, model, run)
     course = course_of(believed, asked, run.say)
     block, notes = believed.block, [*believed.left_out, *notes]
-    run.say("measuring the gap, and comparing two halves of the images")
-    before, last, first = course.first, course.last, findings(course)
-    members = course.members(last.keys)
-
-    def verified() -> tuple[Verification, tuple[Adjustment, list[str]]]:
-        held = Verification(believed, course, first, asked.seed)
-        return held, held.after()
-
-    halves, (held, (after, used)) = side_by_side(
-        run.threads,
-        partial(compare_halves, believed, members, last.noise, last.lens),
-        verified,
-    )
+    run.say("measuring the gap")
+    held = Verification(believed, course, findings(course), asked.seed)
+    before, last = course.first, course.last
+    after, used = held.after()
     found = held.findings
     _add_discontinuity(found, before, last.adjustment)
     untestable = sorted(course.candidates.untestable.items())
     limits = detection_limits(last)
     inseparable = not_separated(last)
+    run.say("comparing two halves of the images")
+    halves = compare_halves(believed, course.members(last.keys), last.noise, last.lens)
     last.let_go()
     return Diagnosis(
         block=block,

@@ -139,9 +139,12 @@ def adjust(
     block, left_out = sound_part(block, model, run.strict)
     doubtful = doubts(block)
 
-    def again(part: Block, model: Model = model, begun: bool = False) -> Adjustment:
+    def again(
+        part: Block, model: Model = model, begun: bool = False, steps: int | None = None
+    ) -> Adjustment:
+        few = run if steps is None else replace(run, max_iterations=steps)
         try:
-            return _once(part, model, run, begun=begun)
+            return _once(part, model, few, begun=begun)
         except AdjustmentFailed:
             if not model.effects:
                 raise

@@ -168,11 +168,16 @@ class Adjustment(Tables):
         return [*self._notes, *warnings_of(self)]
 
 
-def from_where_it_ended(result: Adjustment, start: Block, model: Model, again: Again) -> Adjustment:
-    """Adjusted with positions and stated arms of `start`, from the poses that were found."""
+def from_where_it_ended(
+    result: Adjustment, start: Block, model: Model, again: Again, **how
+) -> Adjustment:
+    """Adjusted with positions and stated arms of `start`, from the poses that were found.
+
+    how: `steps`: so many iterations and no more, where what comes of it is asked for sizes alone.
+    """
     ended = result.start_again
     ended.gnss, ended.lever_arm, ended.extra = start.gnss, start.lever_arm, start.extra
-    found = again(ended, model, begun=True)
+    found = again(ended, model, begun=True, **how)
     found.start = start
     found.keep_notes(result)
     return found

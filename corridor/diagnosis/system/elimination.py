@@ -51,6 +51,9 @@ _MOST_JUMPS = 32
 # Products of one factor, of which a search asks a hundred and more: some seconds of a processor.
 _MOST_PRODUCTS = 5e10
 
+# Columns that are solved for together.
+_COLUMNS = 96
+
 # Sets of rows whose equations are kept: a search for the noise asks for one many times.
 _KEPT = 3
 _ONE = Lock()
@@ -354,11 +357,28 @@ class Elimination:
         antenna (3k, k): what they come with of antenna positions, to be weighed.
         """
         right, antenna = (one if one.ndim == 2 else one[:, None] for one in (right, antenna))
+        place, static = self._pattern.place, len(right)
+        out = np.empty((len(place), right.shape[1]))
+        out[place[:static]] = right
         if len(self._white):
             heavy = self._white[:, None] * antenna
-            right = right + self.jacobian.T @ heavy
-            right = np.concatenate([right, self._size[:, None] * heavy[self._states]])
-        return (self.unit[:, None] * right)[self._order]
+            out[place[:static]] += self.jacobian.T @ heavy
+            out[place[static:]] = self._size[:, None] * heavy[self._states]
+        out *= self.unit[self._order, None]
+        return out
+
+    @property
+    def _core_half(self) -> np.ndarray:
+        """Half a solution (n, c) for what images share, some columns at a time: each copy of all of
+        them weighs as much as the chain.
+        """
+        antenna, columns = self.equations.core.antenna, self.cross.tocsc()
+        out = np.empty((len(self._order), columns.shape[1]))
+        for first in range(0, columns.shape[1], _COLUMNS):
+            some = slice(first, first + _COLUMNS)
+            right = self._ordered_right(columns[:, some].toarray(), antenna[:, some])
+            out[:, some] = self.chain.half(right)
+        return out
 
     # --- what it solves ------------------------------------------------------------------------
 
@@ -401,7 +421,7 @@ class Elimination:
     def core(self) -> tuple[np.ndarray, np.ndarray]:
         """M (c, c) and g (c,) of what images share."""
         e, block = self.equations, self.equations.core
-        half = self.chain.half(self._ordered_right(self.cross.toarray(), block.antenna))
+        half = self._core_half
         heavy = self._white[:, None] * block.antenna
         M = block.inside + block.antenna.T @ heavy - half.T @ half
         g = e.core_without + heavy.T @ self._residual - (half.T @ self._half)[:, 0]
@@ -427,8 +447,8 @@ class Elimination:
         own = right * e.unit[: len(right), None]
         static = own[self.at]
         static[len(e.first) :] += priors
-        core = self.chain.half(self._ordered_right(self.cross.toarray(), block.antenna))
         half = self.chain.half(self._ordered_right(static, antenna))
+        core = self._core_half
         return own[e.at] + block.antenna.T @ (self._white[:, None] * antenna) - core.T @ half
 
     def reduced(self) -> Reduced:

@@ -107,7 +107,8 @@ class Verification:
         if not self.used:
             return self._course.first, self.used
         try:
-            return self._believed.adjust(self._course.members(self.used)), self.used
+            members = self._course.members(self.used)
+            return self._believed.adjust(members, after=self._now), self.used
         except (InputError, AdjustmentFailed) as failed:
             self.notes.append(f"The adjustment with what was found failed: {failed}")
             return last.adjustment, list(last.log["model"])

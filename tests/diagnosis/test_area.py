@@ -1,0 +1,73 @@
+"""An area of photographs is no corridor: what is not asked of it is said, all else is found.
+
+Two threads, and rounds that let go of their equations, change nothing.
+"""
+
+import pytest
+
+from benchmarks.diagnosis.generator import single
+from benchmarks.diagnosis.generator.generate import generate
+from corridor.diagnosis import diagnose
+from corridor.diagnosis.settings import SETTINGS, Settings, changed, side_by_side
+from corridor.diagnosis.system import elimination
+
+SMALL = {"images": 24, "observations": 120}
+
+
+@pytest.fixture
+def area(monkeypatch):
+    """Every block is too wide."""
+    monkeypatch.setattr(elimination, "_MOST_PRODUCTS", 0.0)
+
+
+@pytest.fixture(scope="module")
+def bent():
+    return generate(single("radial_distortion", 1.5, camera="fixed", **SMALL), seed=2)
+
+
+class TestAnArea:
+    def test_an_error_of_the_lens_is_named_as_in_a_corridor(self, bent, area):
+        found = diagnose(bent.block)
+        assert [one["slug"] for one in found.effects] == ["radial_distortion"]
+        assert found.sentence.endswith("a few neighbouring strips can be asked.")
+        assert "24 images are no corridor" in found.sentence
+
+    def test_nothing_is_named_of_the_gnss_or_of_single_images(self, bent, area):
+        found = diagnose(bent.block)
+        tested = {effect.slug for effect in found.course.candidates.effects}
+        untested = {one["slug"] for one in found.untestable}
+        for slug in ("gnss_drift", "clock_offset", "time_rounding", "focal_per_image"):
+            assert slug not in tested
+        assert {"gnss_drift", "gnss_bias"} <= untested
+        assert not {"gnss_drift", "gnss_bias"} & set(found.detection_limits)
+
+    def test_a_corridor_is_asked_for_all(self, bent):
+        found = diagnose(bent.block)
+        assert not found.course.unasked
+        assert "gnss_drift" in {effect.slug for effect in found.course.candidates.effects}
+
+
+class TestTwoThreads:
+    def test_they_find_what_one_finds(self, bent):
+        one = diagnose(bent.block)
+        two = diagnose(bent.block, threads=2, settings=Settings(large_block=1))
+        assert two.sentence == one.sentence
+        (mine,), (other,) = one.effects, two.effects
+        for a, b in zip(mine["parameters"], other["parameters"], strict=True):
+            assert b["value"] == pytest.approx(a["value"], rel=1e-6)
+            assert b["sigma"] == pytest.approx(a["sigma"], rel=1e-6)
+
+    @pytest.mark.parametrize("threads", [1, 2])
+    def test_works_go_by_the_settings_in_use_and_keep_their_order(self, threads):
+        with changed(most_rivals=17):
+            found = side_by_side(
+                threads, *(lambda k=k: (k, SETTINGS.most_rivals) for k in range(5))
+            )
+        assert found == [(k, 17) for k in range(5)]
+
+    def test_what_fails_in_a_thread_fails(self):
+        def wrong():
+            raise ValueError("no number")
+
+        with pytest.raises(ValueError, match="no number"):
+            side_by_side(2, wrong, lambda: 1)
