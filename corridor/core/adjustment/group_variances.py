@@ -205,6 +205,7 @@ def from_where_it_ended(result: Adjustment, start: Block, model: Model, again: A
     """Adjusted with positions and stated arms of `start`, from the poses that were found."""
     ended = result.start_again
     ended.gnss, ended.lever_arm, ended.extra = start.gnss, start.lever_arm, start.extra
+    ended.marks, ended.ground = start.marks, start.ground
     found = again(ended, model)
     found.start = start
     found.keep_notes(result)

@@ -101,7 +101,7 @@ class TestOneBlockOfFalsePositions:
         assert found.variance_components.query("kind == 'gnss'")["sigma0"].max() > 3
 
     def test_other_weights_are_refused(self):
-        with pytest.raises(corridor.InputError, match="use estimated or stated"):
+        with pytest.raises(corridor.InputError, match="use estimated, ground, stated"):
             corridor.adjust(flown(), weights="mine")
 
 
