@@ -106,7 +106,7 @@ class ReferenceModel:
         """By the verb, which decides what all others go by."""
         most = self.run.max_iterations or SETTINGS.iterations
         run = Run(self.run.threads, max_iterations=most, strict=self.run.strict)
-        return adjustment.adjust(self.block, model=model, run=run, weights="ground")
+        return adjustment.adjust(self.block, model=model, run=run, weights="marks")
 
     def adjust(
         self, more: Iterable[Effect] = (), block: Block | None = None, near: bool = False
@@ -179,7 +179,6 @@ class ReferenceModel:
             tie_points=result.problem.block.tie_points,
             marks=result.problem.block.marks,
             gnss=gnss,
-            ground=result.start.ground,
             extra=result.start.extra,
         )
 

@@ -20,7 +20,7 @@ from corridor.core.adjustment.datum import (
     scaled_by_distances,
 )
 from corridor.core.adjustment.gross_errors import without_gross_errors
-from corridor.core.adjustment.ground_variances import ground_doubts, with_ground_as_it_is
+from corridor.core.adjustment.ground_variances import ground_doubts, with_marks_as_they_are
 from corridor.core.adjustment.group_variances import from_where_it_ended, with_gnss_as_it_is
 from corridor.core.adjustment.left_out import sound_part
 from corridor.core.adjustment.linear_system import LinearSystem
@@ -59,7 +59,7 @@ _SPARE = 0.05
 _FOR_A_PAIR = 5
 # Sigma naught of what has been adjusted to something that cannot be.
 _WRECKED = 20.0
-_WEIGHTS = ("estimated", "ground", "stated")
+_WEIGHTS = ("estimated", "marks", "stated")
 # A point that ends this near to a camera, of where it began, has fallen into it.
 _FALLEN = 0.1
 
@@ -123,8 +123,8 @@ def adjust(
     weights: `estimated`: where antenna positions contradict their stated standard deviations, they
         are weighted as they are, a block of false ones apart from the rest, and coarse ones with
         the offset they share; a sentence says so (`Adjustment.variance_components`), and where
-        marks or ground control contradict theirs. `ground`: marks and control, in place of the
-        positions, are weighted as they are. `stated`: as stated.
+        marks or ground control contradict theirs. `marks`: these are weighted as they are, in
+        place of the positions. `stated`: as stated.
 
     What the block can know by itself is filled in first (`corridor.prepare`), as in `diagnose`.
     A focal length that block.toml says is stated (`f_stated`, by photographs) is a prior of a
@@ -157,7 +157,7 @@ def adjust(
     doubtful = [*turned, *doubts(block)]
 
     def whole(part: Block) -> Adjustment:
-        found = _without_gross_errors(part, model, again, weights == "ground")
+        found = _without_gross_errors(part, model, again, weights == "marks")
         if reject_gnss:
             found = without_false_fixes(found, again, part.gnss_sigma())
         found = weighted_by_scatter(found, again)
@@ -231,12 +231,12 @@ def _without_gross_errors(
     """The block adjusted, without what squares do not get over.
 
     A robust loss limits image points, and not positions: it is for squares to tell what is gross,
-    and, if asked, how good marks and ground control are.
+    and, if asked, how good marks are.
     """
 
     def by_squares(model: Model) -> Adjustment:
         found = without_gross_errors(again(block, model), again)
-        return with_ground_as_it_is(found, again) if reweighted else found
+        return with_marks_as_they_are(found, again) if reweighted else found
 
     if Loss.parse(model.loss).kind == SQUARES:
         return by_squares(model)

@@ -1,12 +1,11 @@
-"""Standard deviations of marks and of ground control as their residuals have them, where these
-contradict what is stated.
+"""Marks and ground control that are not as good as stated, as their residuals have it.
 
 The rays of a mark's point test each other, whatever is given of that point. Of control a few wrong
 points are blunders, and named; where a search for them ends in more than a third of all that are
-tested, nobody is right, and it is the standard deviation that is wrong.
+tested, nobody is right, and it is the standard deviation that is wrong, or the model.
 
-Source: Förstner 1979 (v'Pv / r, each group with its own redundancy), of control by the median of
-the squares in the place of their mean (Rousseeuw and Leroy 1987), which a blunder does not move.
+Source: Förstner 1979 (v'Pv / r, each group with its own redundancy), by the median of the squares
+in the place of their mean (Rousseeuw and Leroy 1987), which a blunder does not move.
 """
 
 from __future__ import annotations
@@ -14,19 +13,22 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+import pandas as pd
 from scipy.special import bdtrc, chdtrc, chdtri
 
+from corridor.core.adjustment.blunders import where_seen
 from corridor.core.adjustment.group_variances import (
     FACTOR,
     RARE,
     from_where_it_ended,
+    general,
 )
 from corridor.core.adjustment.result import Adjustment
-from corridor.core.block import Block
+from corridor.core.block import Block, places
+from corridor.core.camera import projection_derivatives
 from corridor.core.errors import AdjustmentFailed, InputError
 
 Again = Callable[..., Adjustment]
-_ROUNDS, _SETTLED = 4, 0.1
 _LEAST = 6
 # Residuals of control, in sigmas, from which on covariances are worth their time.
 _LOOK = 2.5
@@ -35,58 +37,61 @@ _LOOK = 2.5
 _SEEN, _TOLD = 0.05, 0.5
 
 
-def with_ground_as_it_is(result: Adjustment, again: Again) -> Adjustment:
-    """Adjusted with the standard deviations that marks, and then ground control, have, with a note
-    on each; the result itself where what is stated holds."""
-    for factors, told in _KINDS:
-        found = result
-        for _ in range(_ROUNDS):
-            factor = factors(found)
-            if factor == 1.0:
-                break
-            try:
-                later = _scaled(found, factors, factor, again)
-            except (InputError, AdjustmentFailed):
-                break
-            if not later.converged:
-                break
-            found = later
-            if abs(np.log(factor)) < _SETTLED:
-                break
-        if found is not result:
-            found.add_note(told(result.start, found.start))
-            result = found
-    return result
+def with_marks_as_they_are(result: Adjustment, again: Again) -> Adjustment:
+    """Adjusted with the standard deviation that marks have, and a note on it; the result itself
+    where what is stated holds."""
+    factor = _of_marks(result)
+    if factor == 1.0:
+        return result
+    start = _with_marks(result.start, factor)
+    try:
+        found = from_where_it_ended(result, start, result.problem.model, again)
+    except (InputError, AdjustmentFailed):
+        return result
+    if not found.converged:
+        return result
+    found.add_note(_told_marks(result.start, factor))
+    return found
 
 
 def ground_doubts(result: Adjustment) -> list[str]:
     """Sentences on marks, or else on ground control, whose residuals contradict what is stated."""
-    for factors, told in _KINDS:
-        factor = factors(result)
-        if factor > 1.0:
-            return [told(result.start, _restated(result.start, factors, factor))]
-    return []
-
-
-def _general(result: Adjustment) -> float:
-    """Sigma naught of the tie points without gross errors, 1 where it is less."""
-    ties = result.statistics["tie"]
-    return max(ties["sigma0"], 1.0) if ties else 1.0
+    # Marks first: what strains them shows in the residuals of control.
+    factor = _of_marks(result)
+    if factor > 1.0:
+        return [_told_marks(result.start, factor)]
+    factor = _of_control(result)
+    return [_told_control(result.start, factor)] if factor > 1.0 else []
 
 
 def _of_marks(result: Adjustment) -> float:
-    """By what the standard deviations of marks are too small.
+    """By what the standard deviations of marks are too small, where their rays meet.
 
-    Each point is one witness: where it is given elsewhere than it lies, all its rays are strained.
+    The coordinates that are given of their points have no part in it, nor what strains them: of
+    the residuals is left what no other place of the point takes up.
     """
-    marks, general = result.statistics["mark"], _general(result)
-    # A redundancy of a half or more, at a glance.
-    if not result.converged or not marks or marks["sigma0"] < general:
+    table, p = result.residuals["mark"], result.problem
+    if not result.converged or not len(table):
         return 1.0
-    table, scale = result.reliability.marks, result.reliability.image_scale
-    square = table["w"] ** 2 * table["redundancy"] * (scale / general) ** 2
-    point = table["point"].astype(str)
-    return _factor(*(of.groupby(point).sum().to_numpy() for of in (square, table["redundancy"])))
+    at = where_seen(result.start, result.pose)
+    number = places(table["point"].astype(str), result.start.ground["point"].astype(str))
+    known = (number >= 0) & np.isfinite(at).all(axis=1)[number]
+    number, sigma = number[known], table[["sigma"]].to_numpy()[known]
+    image = places(table["image"].astype(str)[known], pd.Series(p.images.names).astype(str))
+    slope = projection_derivatives(
+        at[number], result.state.centre[image], result.state.rotation[image],
+        result.state.interior, p.images.camera[image],
+    ).by_point  # fmt: skip
+    left = table[["vx", "vy"]].to_numpy()[known] / sigma / general(result)
+    square, redundancy = [], []
+    for one in np.unique(number):
+        mine = number == one
+        design = (slope[mine] / sigma[mine, :, None]).reshape(-1, 3)
+        v = left[mine].ravel()
+        v = v - design @ np.linalg.lstsq(design, v, rcond=None)[0]
+        square.append(v @ v)
+        redundancy.append(len(v) - 3.0)
+    return _factor(np.array(square), np.array(redundancy))
 
 
 def _of_control(result: Adjustment) -> float:
@@ -100,7 +105,7 @@ def _of_control(result: Adjustment) -> float:
     if len(result.reliability.wrong_control) < shown.sum() // 3:
         return 1.0
     # What all observations are too large by is sigma naught's matter.
-    w = (square / np.maximum(share, _SEEN))[shown] / _general(result) ** 2
+    w = (square / np.maximum(share, _SEEN))[shown] / general(result) ** 2
     return _factor(w, np.ones(len(w)))
 
 
@@ -119,44 +124,32 @@ def _factor(square: np.ndarray, redundancy: np.ndarray) -> float:
     return factor if factor > FACTOR and bdtrc(beyond - 1, len(ratio), one) < RARE else 1.0
 
 
-def _scaled(found: Adjustment, kind: Callable, factor: float, again: Again) -> Adjustment:
-    """Adjusted with standard deviations of a kind times a factor."""
-    start = _restated(found.start, kind, factor)
-    return from_where_it_ended(found, start, found.problem.model, again)
-
-
-def _restated(block: Block, kind: Callable, factor: float) -> Block:
+def _with_marks(block: Block, factor: float) -> Block:
     block = block.copy()
     both = block.in_pictures("marks")
-    if kind is _of_control:
-        block.put("ground", ("sx", "sy", "sz"), block.ground_sigma() * factor)
-    elif both is not None:
+    if both is not None:
         block.put("marks", ("sx", "sy"), both[0] * factor)
     else:
         block.put("marks", ("sigma",), block.mark_sigma()[:, None] * factor)
     return block
 
 
-def _told_marks(before: Block, after: Block) -> str:
-    stated, seen = (float(np.median(one.mark_sigma())) for one in (before, after))
+def _told_marks(block: Block, factor: float) -> str:
+    stated = float(np.median(block.mark_sigma()))
     return (
         "Marks: the rays of the same points contradict each other by more than the stated standard "
-        f"deviation; they are good to {seen:.2g} px where {stated:.2g} px is stated. Were they "
-        "measured in the pictures themselves, and in all of them the same thing? mark_px in "
-        "block.toml states it."
+        f"deviation; they are good to {factor * stated:.2g} px where {stated:.2g} px is stated. "
+        "Were they measured in the pictures themselves, and in all of them the same thing? mark_px "
+        "in block.toml states it."
     )
 
 
-def _told_control(before: Block, after: Block) -> str:
-    stated, seen = (np.median(one.ground_sigma(), axis=0) for one in (before, after))
+def _told_control(block: Block, factor: float) -> str:
+    plan, _, height = np.median(block.ground_sigma(), axis=0)
     return (
         "Ground control: residuals contradict the stated standard deviations, and of too many "
-        f"points to call single ones wrong; it is good to {seen[0]:.2g} m in plan and "
-        f"{seen[2]:.2g} m in height where {stated[0]:.2g} and {stated[2]:.2g} m are stated. Either "
+        f"points to call single ones wrong; it is good to {factor * plan:.2g} m in plan and "
+        f"{factor * height:.2g} m in height where {plan:.2g} and {height:.2g} m are stated. Either "
         "these are too small (control_m in block.toml, or sx, sy, sz of ground.csv), or the model "
         "lacks something: `corridor diagnose` finds out what."
     )
-
-
-# Marks first: what strains them shows in the residuals of control.
-_KINDS = ((_of_marks, _told_marks), (_of_control, _told_control))
