@@ -37,7 +37,7 @@ _INFLATED, _BELIEVED = 2.0 ** np.arange(0.0, 3.1, 0.5), 2.0
 # that its track shows.
 _SHAKEN_M_S2 = 0.5
 # Epochs further apart than this do not tell a shaken drone from a noisy receiver.
-_SLOW_S = 0.35
+SLOW_S = 0.35
 # Median size of third differences of white noise of unit variance: their variance is 20.
 _THIRD = 0.6745 * np.sqrt(20.0)
 _SCALE = 10.0 ** np.arange(-3.5, 1.1, 0.25)
@@ -205,7 +205,7 @@ def fit(epochs: Epochs, share: float | None) -> Model:
     interval = float(np.median(np.diff(epochs.time)))
     search = _Search(epochs, share)
     found = search.run()
-    if epochs.stated and interval < _SLOW_S and _unlike(found):
+    if epochs.stated and interval < SLOW_S and _unlike(found):
         # A receiver is wrong about all axes alike; at this rate it is the drone that is shaken.
         found = search.run(scaled=False)
     axes = tuple(found[group] for group, (_, of) in enumerate(GROUPS) for _ in of)
