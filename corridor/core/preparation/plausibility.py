@@ -20,9 +20,9 @@ from corridor.core.geometry import (
     rotation_from_quaternion,
 )
 from corridor.core.output import counted
+from corridor.core.preparation.half_turns import turned_images
 from corridor.core.preparation.plausibility_of_motion import motion_doubts
 from corridor.core.preparation.slips_of_earth import earth_doubts
-from corridor.core.preparation.turned_images import turned_images
 
 # Readouts of frame sensors end at a quarter of a second.
 SLOWEST_READOUT_S = 0.5
