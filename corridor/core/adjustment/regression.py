@@ -13,11 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csc_array
+from scipy.sparse import csc_array, csr_array
 
 from corridor.core.adjustment.linear_system import LinearSystem
-from corridor.core.adjustment.normal import Normal
-from corridor.core.engine.point_covariance import point_gains as fill_gains
+from corridor.core.adjustment.normal import CHUNK, Normal, View
 
 
 @dataclass(frozen=True)
@@ -37,16 +36,49 @@ def point_gains(system: LinearSystem, points: np.ndarray) -> PointGains:
     points = np.asarray(points, dtype=np.int64)
     normal = Normal(p, system.loss, storage=system.storage)
     view, modelled = normal.view(system.state), normal.modelled_at(system.state)
-    wanted = np.full(len(p.ptr) - 1, -1)
-    wanted[points] = np.arange(len(points))
-    inverse = np.zeros((len(points), 6))
+    number = np.full(len(p.ptr) - 1, -1)
+    number[points] = np.arange(len(points))
+    # Of points that are not control, the last.
+    weight = np.concatenate([normal.control_weight[0], np.zeros((1, 6))])
+    inverse = np.zeros((len(points), 3, 3))
     own = np.zeros((len(p.img), p.d, 3))
     shared = np.zeros((len(points), p.shared_count, 3))
-    for first, last in normal.chunks(0, len(p.ptr) - 1):
+    ground = np.concatenate([_of_control(normal, view), np.zeros((1, 3, p.wide))])
+    for first, last in normal.chunks(0, len(p.ptr) - 1, CHUNK):
+        wanted = np.flatnonzero(number[first:last] >= 0)
+        if not len(wanted):
+            continue
         scene = normal.scene(view, modelled, first, last)
-        fill_gains(wanted, first, last, scene, p.d, normal.longest, inverse, own, shared)
-    full = inverse[:, [0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(-1, 3, 3)
-    return PointGains(points, full, _matrix(system, points, own, shared))
+        control = p.control[first:last]
+        rays = normal.engine.rows(first, last, scene, control, weight[control])
+        root = np.zeros((last - first, 3, 3))
+        root[:, *np.tril_indices(3)] = rays.root
+        whole = root.transpose(0, 2, 1) @ root
+        by_point = rays.point.reshape(-1, 2, 3)
+        of_ray = np.repeat(np.arange(last - first), np.diff(rays.start))
+        gain = whole[of_ray] @ by_point.transpose(0, 2, 1)
+        found = gain @ rays.own.reshape(-1, 2, p.d)
+        own[p.ptr[first] : p.ptr[last]] = found.transpose(0, 2, 1)
+        inverse[number[first + wanted]] = whole[wanted]
+        if p.shared_count:
+            each = gain @ rays.shared.reshape(len(of_ray), 2, -1)
+            add = csr_array((np.ones(len(of_ray)), np.arange(len(of_ray)), rays.start))
+            total = (add @ each.reshape(len(of_ray), -1)).reshape(last - first, 3, -1)
+            total += whole @ ground[control]
+            found = total[wanted, :, : p.shared_count]
+            shared[number[first + wanted]] = found.transpose(0, 2, 1)
+    return PointGains(points, inverse, _matrix(system, points, own, shared))
+
+
+def _of_control(normal: Normal, view: View) -> np.ndarray:
+    """W B (c, 3, wide) of control points: B their rows by what is shared."""
+    p, by = normal.problem, view.d_ground
+    out = np.zeros((len(by), 3, p.wide))
+    for slot in range(by.shape[2]):
+        some = np.flatnonzero(p.ground_column[:, slot] >= 0)
+        out[some, :, p.ground_column[some, slot]] += by[some, :, slot]
+    weight = normal.control_weight[0][:, [0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(-1, 3, 3)
+    return weight @ out
 
 
 def _matrix(system: LinearSystem, points, own, shared) -> csc_array:
