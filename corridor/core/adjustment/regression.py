@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csc_array, csr_array
+from scipy.sparse import bsr_array, csc_array, csr_array, hstack
 
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.normal import CHUNK, Normal, View
@@ -41,8 +41,8 @@ def point_gains(system: LinearSystem, points: np.ndarray) -> PointGains:
     # Of points that are not control, the last.
     weight = np.concatenate([normal.control_weight[0], np.zeros((1, 6))])
     inverse = np.zeros((len(points), 3, 3))
-    own = np.zeros((len(p.img), p.d, 3))
-    shared = np.zeros((len(points), p.shared_count, 3))
+    own = np.zeros((len(p.img), 3, p.d))
+    shared = np.zeros((len(points), 3, p.shared_count))
     ground = np.concatenate([_of_control(normal, view), np.zeros((1, 3, p.wide))])
     for first, last in normal.chunks(0, len(p.ptr) - 1, CHUNK):
         wanted = np.flatnonzero(number[first:last] >= 0)
@@ -54,19 +54,17 @@ def point_gains(system: LinearSystem, points: np.ndarray) -> PointGains:
         root = np.zeros((last - first, 3, 3))
         root[:, *np.tril_indices(3)] = rays.root
         whole = root.transpose(0, 2, 1) @ root
-        by_point = rays.point.reshape(-1, 2, 3)
-        of_ray = np.repeat(np.arange(last - first), np.diff(rays.start))
-        gain = whole[of_ray] @ by_point.transpose(0, 2, 1)
-        found = gain @ rays.own.reshape(-1, 2, p.d)
-        own[p.ptr[first] : p.ptr[last]] = found.transpose(0, 2, 1)
         inverse[number[first + wanted]] = whole[wanted]
+        # V^-1 P' and K', ray by ray: `einsum` takes three times as long over small products.
+        of_ray = np.repeat(np.arange(last - first), np.diff(rays.start))
+        back = whole[of_ray] @ _pairs(rays.point).transpose(0, 2, 1)
+        np.matmul(back, _pairs(rays.own), out=own[p.ptr[first] : p.ptr[last]])
         if p.shared_count:
-            each = gain @ rays.shared.reshape(len(of_ray), 2, -1)
-            add = csr_array((np.ones(len(of_ray)), np.arange(len(of_ray)), rays.start))
-            total = (add @ each.reshape(len(of_ray), -1)).reshape(last - first, 3, -1)
+            by = back @ _pairs(rays.shared)
+            add = csr_array((np.ones(len(by)), np.arange(len(by)), rays.start))
+            total = (add @ by.reshape(len(by), -1)).reshape(last - first, 3, -1)
             total += whole @ ground[control]
-            found = total[wanted, :, : p.shared_count]
-            shared[number[first + wanted]] = found.transpose(0, 2, 1)
+            shared[number[first + wanted]] = total[wanted, :, : p.shared_count]
     return PointGains(points, inverse, _matrix(system, points, own, shared))
 
 
@@ -81,22 +79,21 @@ def _of_control(normal: Normal, view: View) -> np.ndarray:
     return weight @ out
 
 
+def _pairs(rows: np.ndarray) -> np.ndarray:
+    """Rows (2 n, k) ray by ray (n, 2, k)."""
+    return rows.reshape(-1, 2, rows.shape[1])
+
+
 def _matrix(system: LinearSystem, points, own, shared) -> csc_array:
     p = system.problem
-    length = np.diff(p.ptr)[points]
+    length, count = np.diff(p.ptr)[points], len(points)
     rays = np.repeat(p.ptr[points], length) + _count(length)
-    number = np.repeat(np.arange(len(points)), length)
-    axis = np.arange(3)
-    row = p.img[rays][:, None, None] * p.d + np.arange(p.d)[:, None]
-    parts = [(own[rays], row, 3 * number[:, None, None] + axis)]
-    if p.shared_count:
-        row = p.image_count * p.d + np.arange(p.shared_count)[:, None]
-        parts.append((shared, row, 3 * np.arange(len(points))[:, None, None] + axis))
-    value, row, column = (
-        np.concatenate([np.broadcast_to(part[n], part[0].shape).ravel() for part in parts])
-        for n in range(3)
-    )
-    return csc_array((value, (row, column)), shape=(len(system.columns), 3 * len(points)))
+    start = np.concatenate([[0], np.cumsum(length)])
+    blocks = (own[rays], p.img[rays], start)
+    of_images = bsr_array(blocks, shape=(3 * count, p.image_count * p.d), blocksize=(3, p.d))
+    beside = csr_array((3 * count, len(system.columns) - p.image_count * p.d - p.shared_count))
+    parts = [of_images.tocsr(), csr_array(shared.reshape(3 * count, -1)), beside]
+    return csc_array(hstack(parts, format="csr").T)
 
 
 def _count(length: np.ndarray) -> np.ndarray:
