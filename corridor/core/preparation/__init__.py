@@ -24,6 +24,13 @@ from corridor.core.preparation.record import (
 from corridor.core.preparation.record import record as record_derived
 from corridor.core.preparation.smoothing import rounding, unrounded
 from corridor.core.preparation.strips import strips_of, track_runs
+from corridor.core.preparation.turned_images import (
+    quarters_of,
+    turned_back,
+    turned_by,
+    turned_images,
+    without_turned_starts,
+)
 from corridor.core.preparation.velocity import METHODS, Velocities, velocities
 
 __all__ = [
@@ -44,6 +51,7 @@ __all__ = [
     "doubts",
     "paired_speeds",
     "prepare",
+    "quarters_of",
     "rates_from_gyro",
     "rates_from_neighbours",
     "record_derived",
@@ -51,8 +59,12 @@ __all__ = [
     "stray",
     "strips_of",
     "track_runs",
+    "turned_back",
+    "turned_by",
+    "turned_images",
     "unlike",
     "unrounded",
     "velocities",
     "velocity_doubts",
+    "without_turned_starts",
 ]
