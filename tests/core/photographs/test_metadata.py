@@ -20,7 +20,13 @@ from corridor.core.photographs import (
     read_metadata,
 )
 from corridor.tools.formats import Project
-from corridor.tools.formats.placing import add_photographs, at_once, gyro_rates, readout_of
+from corridor.tools.formats.placing import (
+    _with_readout,
+    add_photographs,
+    at_once,
+    gyro_rates,
+    readout_of,
+)
 
 
 def saved(path, tags=(), inner=(), xmp=""):
@@ -194,6 +200,26 @@ def test_a_shutter_that_exposes_all_rows_at_once_is_known_by_model_and_exposure(
         assert readout == pytest.approx(0.033, rel=1e-3) and "published" in source
     if not once and photo.model == "M3E":
         assert readout is None
+
+
+@pytest.mark.parametrize(
+    ("exposures", "readout", "said"),
+    [
+        ((1 / 800, 1 / 1000), 0.0, "all rows are exposed at once"),
+        ((1 / 4000, 1 / 3200), 0.033, "published for FC6310"),
+        ((1 / 4000, 1 / 1000), None, "21 of 42 photographs were taken with the electronic shutter"),
+    ],
+)
+def test_the_import_asks_every_photograph_of_a_camera_for_its_shutter(exposures, readout, said):
+    block = corridor.read("data_synthetic/dike")
+    photos = {row: drone("FC6310", exposed=exposures[row % 2]) for row in range(len(block.images))}
+    found = _with_readout(Project("made", Path("made"), block), photos)
+    assert any(said in note for note in found.notes)
+    (camera,) = found.block.cameras.values()
+    if readout is None:
+        assert camera.readout_s is None
+    else:
+        assert camera.readout_s == pytest.approx(readout, rel=1e-3)
 
 
 def test_every_global_shutter_is_found_by_its_names_and_no_other():
