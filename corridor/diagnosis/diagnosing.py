@@ -6,9 +6,18 @@ import os
 import time
 from dataclasses import asdict
 
-from corridor.core.adjustment import Adjustment, Model, Run, implausible, sound_part
+from corridor.core.adjustment import (
+    Adjustment,
+    Model,
+    Run,
+    implausible,
+    refit,
+    sound_part,
+    with_turns_as_seen,
+)
 from corridor.core.block import Block, read, with_equal_axes, without_distances
 from corridor.core.engine.threads import one_thread
+from corridor.core.errors import AdjustmentFailed
 from corridor.core.options import options
 from corridor.core.output import plain
 from corridor.core.preparation import derived, doubts, prepare
@@ -108,11 +117,18 @@ def _diagnose(
     block, equal = with_equal_axes(block)
     block, found, notes = prepare(block)
     notes = [*unused, *equal, *(one.sentence for one in found if one.column == "gnss"), *notes]
+    block, turned = with_turns_as_seen(block, lambda part: refit(part, model, run))
     block, left_out = sound_part(block, model, run.strict)
-    doubtful = doubts(block)
+    doubtful = [*turned, *doubts(block)]
     notes = [*left_out, *notes]
     believed = ReferenceModel.of(block, model, run)
-    course = course_of(believed, asked, run.say)
+    try:
+        course = course_of(believed, asked, run.say)
+    except AdjustmentFailed as error:
+        if not doubtful or str(error).startswith(doubtful[0]):
+            raise
+        # What looks wrong at first sight is the likelier cause.
+        raise AdjustmentFailed(f"{doubtful[0]} So: {error}") from None
     block, notes = believed.block, [*believed.left_out, *notes]
     run.say("measuring the gap")
     held = Verification(believed, course, findings(course), asked.seed)

@@ -35,6 +35,7 @@ from corridor.core.adjustment.regression import PointGains, point_gains
 from corridor.core.adjustment.result import Adjustment, not_converged
 from corridor.core.adjustment.snooping import Blunder, blunders
 from corridor.core.adjustment.solving import solve
+from corridor.core.adjustment.turns import with_turns_as_seen
 from corridor.core.adjustment.uncertain_motion import MotionScale, as_seen
 from corridor.core.adjustment.warnings import grave, implausible, tested_by
 from corridor.core.geometry import Similarity, similarity
@@ -84,5 +85,6 @@ __all__ = [
     "similarity",
     "solve",
     "sound_part",
+    "with_turns_as_seen",
     "tested_by",
 ]

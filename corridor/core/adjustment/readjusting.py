@@ -48,7 +48,7 @@ _LEAST_M = 0.01
 _SETTLED, _ROUNDS = 0.2, 4
 # Gauss-Newton is quadratic: 1, 0.1, 0.01 and less of what it has to go.
 _FEW_STEPS = 4
-_LEAST = 8
+_FEWEST = 8
 # An offset that all other observations take up but for this share of its information is not shown.
 _SEEN = 1e-4
 # An offset may be so many times as large as it is stated, or first seen, to be.
@@ -83,7 +83,7 @@ def weighted_by_scatter(result: Adjustment, again: Again) -> Adjustment:
     Source: Förstner 1979 (v'Pv / r, each group with its own redundancy).
     """
     count = len(result.problem.gnss_image)
-    if count < _LEAST or not result.converged or not arms_unseen(result.problem.block):
+    if count < _FEWEST or not result.converged or not arms_unseen(result.problem.block):
         return result
     stated = result.problem.block.gnss_sigma()
     factor = _scatter(result)
@@ -269,7 +269,7 @@ def with_common_offset(result: Adjustment, again: Again, stated: np.ndarray) -> 
     shared = next((e for e in every_effect() if e.datum and e.place == "antenna"), None)
     if shared is None or p.stack.at("antenna") or not len(p.control_rows):
         return result
-    if not result.converged or len(p.gnss_image) < _LEAST:
+    if not result.converged or len(p.gnss_image) < _FEWEST:
         return result
     coarse = gnss_of_metres(result.start)
     wrong = {} if coarse else contradicting(result)

@@ -177,6 +177,7 @@ def from_where_it_ended(
     """
     ended = result.start_again
     ended.gnss, ended.lever_arm, ended.extra = start.gnss, start.lever_arm, start.extra
+    ended.marks, ended.ground = start.marks, start.ground
     found = again(ended, model, begun=True, **how)
     found.start = start
     found.keep_notes(result)

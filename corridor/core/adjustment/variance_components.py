@@ -116,6 +116,12 @@ def _suspicious(result: Adjustment) -> bool:
     )
 
 
+def general(result: Adjustment) -> float:
+    """Sigma naught of the tie points without gross errors, or of all; 1 where it is less."""
+    ties = result.statistics["tie"]
+    return max(ties["sigma0"] if ties else result.sigma0, 1.0)
+
+
 def contradicting(result: Adjustment) -> dict[tuple[str, str], float]:
     """Groups (part, flight) of antenna positions whose residuals contradict their standard
     deviations, and their sigma naught over the general one."""
@@ -123,15 +129,15 @@ def contradicting(result: Adjustment) -> dict[tuple[str, str], float]:
         return {}
     table = components(result)
     # What all observations are too large by is sigma naught's matter.
-    general = max(result.sigma0, 1.0)
+    usual = general(result)
     wrong = (
         (table["kind"] == "gnss")
         & (table["redundancy"] >= _FEWEST)
         & (table["p"] < RARE)
-        & (table["sigma0"] > FACTOR * general)
+        & (table["sigma0"] > FACTOR * usual)
     )
     return {
-        (row.part, row.flight): row.sigma0 / general for row in table[wrong].itertuples(index=False)
+        (row.part, row.flight): row.sigma0 / usual for row in table[wrong].itertuples(index=False)
     }
 
 

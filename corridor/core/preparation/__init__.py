@@ -1,6 +1,13 @@
 """What a block can know by itself: velocities, angular rates, antenna positions."""
 
 from corridor.core.preparation.angular_rate import rates_from_gyro, rates_from_neighbours
+from corridor.core.preparation.half_turns import (
+    quarters_of,
+    turned_back,
+    turned_by,
+    turned_images,
+    without_turned_starts,
+)
 from corridor.core.preparation.plausibility import (
     SLOWEST_READOUT_S,
     against,
@@ -44,6 +51,7 @@ __all__ = [
     "doubts",
     "paired_speeds",
     "prepare",
+    "quarters_of",
     "rates_from_gyro",
     "rates_from_neighbours",
     "record_derived",
@@ -51,8 +59,12 @@ __all__ = [
     "stray",
     "strips_of",
     "track_runs",
+    "turned_back",
+    "turned_by",
+    "turned_images",
     "unlike",
     "unrounded",
     "velocities",
     "velocity_doubts",
+    "without_turned_starts",
 ]

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from corridor.core.adjustment import Adjustment, Design, Sets
-from corridor.core.engine.panels import PANEL
+from corridor.core.engine.scene import PANEL
 from corridor.diagnosis.evidence.evidence import Evidence, inverted
 from corridor.diagnosis.evidence.nothing import residuals
 from corridor.diagnosis.evidence.search import Found
