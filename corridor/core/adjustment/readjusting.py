@@ -45,7 +45,7 @@ SCATTER = "the residuals of the positions"
 # Photographs write their positions to a centimetre, or to 1e-7 degrees, which is as much.
 _LEAST_M = 0.01
 # A factor within this is as assumed; beyond, it is estimated again until it changes by less.
-_SETTLED, _ROUNDS = 0.2, 4
+_SETTLED, _ROUNDS = 0.1, 4
 # Gauss-Newton is quadratic: 1, 0.1, 0.01 and less of what it has to go.
 _FEW_STEPS = 4
 _FEWEST = 8
