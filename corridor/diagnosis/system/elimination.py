@@ -86,14 +86,14 @@ class Part(NamedTuple):
     at (p,): numbers among the system's columns. cross (n, p): with poses and nuisance; inside
     (p, p); antenna (3k, p); core (p, c): with what images share; right (p,), of no effect at all;
     here (p,): of the state; value (p,): where that stands; owner (p,): image, -1 of what images
-    share. Sparse but for the vectors.
+    share. Sparse but for `core` and the vectors.
     """
 
     at: np.ndarray
     cross: csc_array
     inside: csc_array
     antenna: csr_array
-    core: csr_array
+    core: np.ndarray
     right: np.ndarray
     here: np.ndarray
     value: np.ndarray
@@ -113,7 +113,7 @@ class Static:
     at: np.ndarray
     owner: np.ndarray
     matrix: coo_array
-    cross: csr_array
+    cross: np.ndarray
     jacobian: csr_array
     right: np.ndarray
     here: np.ndarray
@@ -142,7 +142,7 @@ class Static:
             np.concatenate([e.first, *(p.at for p in parts)]).astype(int),
             np.concatenate([e.owner, *(p.owner for p in parts)]).astype(np.int64),
             _lower(e, groups, parts),
-            csr_array(vstack([csr_array(e.core.cross), *(p.core for p in parts)])),
+            np.concatenate([_dense(e.core.cross), *(p.core for p in parts)]),
             csr_array(hstack([e.jacobian, *(p.antenna for p in parts)])),
             np.concatenate([e.without[0], *(p.right for p in parts)]),
             np.concatenate([e.right, *(p.here for p in parts)]),
@@ -372,11 +372,11 @@ class Elimination:
         """Half a solution (n, c) for what images share, some columns at a time: each copy of all of
         them weighs as much as the chain.
         """
-        antenna, columns = self.equations.core.antenna, self.cross.tocsc()
-        out = np.empty((len(self._order), columns.shape[1]))
-        for first in range(0, columns.shape[1], _COLUMNS):
+        antenna = self.equations.core.antenna
+        out = np.empty((len(self._order), self.cross.shape[1]))
+        for first in range(0, self.cross.shape[1], _COLUMNS):
             some = slice(first, first + _COLUMNS)
-            right = self._ordered_right(columns[:, some].toarray(), antenna[:, some])
+            right = self._ordered_right(self.cross[:, some], antenna[:, some])
             out[:, some] = self.chain.half(right)
         return out
 
@@ -525,7 +525,7 @@ class Elimination:
     def felt(self, columns: np.ndarray) -> np.ndarray:
         """M (3k, p) between the antenna positions and some columns of the core."""
         block = self.equations.core
-        right = self.cross[:, columns].toarray() if issparse(self.cross) else self.cross[:, columns]
+        right = self.cross[:, columns]
         antenna = block.antenna[:, columns]
         moved = self.jacobian @ self.solve(right + self.jacobian.T @ self.weigh(antenna))
         return self.weigh(antenna - moved)
@@ -580,6 +580,10 @@ def _mean_of(group: Group) -> np.ndarray:
     return np.zeros(len(group)) if group.mean is None else group.mean
 
 
+def _dense(matrix: np.ndarray | csc_array) -> np.ndarray:
+    return matrix.toarray() if issparse(matrix) else np.asarray(matrix)
+
+
 def _part_of(e: Equations, group: Group) -> Part:
     at = group.columns
     if group.own is None:
@@ -595,7 +599,7 @@ def _part_of(e: Equations, group: Group) -> Part:
         csc_array(block.cross[:, at]),
         csc_array(block.inside[at][:, at]),
         csr_array(block.antenna[:, at]),
-        csr_array(core),
+        _dense(core),
         right,
         block.right[at],
         block.value[at],

@@ -92,8 +92,8 @@ class TestFocalLength:
         """
         lengths, plain = [], readjusting.from_where_it_ended
 
-        def watched(*given):
-            found = plain(*given)
+        def watched(*given, **how):
+            found = plain(*given, **how)
             lengths.append([camera["f"] for camera in found.block.cameras.values()])
             return found
 
