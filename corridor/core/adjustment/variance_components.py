@@ -56,6 +56,8 @@ _PRIOR = 3.0
 _ARM_M = 2.0
 # Residuals as large as they are stated to be say nothing against what is held.
 _LARGE_FIT = 1.1
+# An estimate this far from nothing is one.
+FAR_SIGMAS = 3.0
 # Sigmas by which an estimate is another one; five, as of outliers.
 _FOCAL_SIGMAS = 5.0
 # Heat moves a focal length by less than a thousandth; a rolling shutter of 50 ms, which takes it
@@ -246,6 +248,9 @@ def with_common_offset(result: Adjustment, again: Again, stated: np.ndarray) -> 
     if lasting and slow(found) is not None:
         return result
     values = found.effects.query("slug == @effect.slug")
+    # Nor is one that a free focal length and the arms leave unknown.
+    if not (values["value"].abs() > FAR_SIGMAS * values["sigma"]).any():
+        return result
     shown = "; ".join(
         f"{f'flight {group} ' if several else ''}"
         f"{', '.join(f'{value:+.2f}' for value in part['value'])} m"

@@ -12,6 +12,7 @@ from corridor.core.preparation.plausibility import (
     SLOWEST_READOUT_S,
     against,
     doubts,
+    mirrored,
     stray,
     unlike,
 )
@@ -49,6 +50,7 @@ __all__ = [
     "derived",
     "derived_table",
     "doubts",
+    "mirrored",
     "paired_speeds",
     "prepare",
     "quarters_of",

@@ -67,7 +67,7 @@ def doubts(block: Block) -> list[str]:
         *_positions(block),
         *_pictures(block),
         # Where tie points are turned, marks are turned with them.
-        *(list(_axes(block)) or list(turned_images(block)) or _marks_of_other_pictures(block)),
+        *(list(mirrored(block)) or list(turned_images(block)) or _marks_of_other_pictures(block)),
         *_settings(block),
         *_passed_over(block),
         *motion_doubts(block),
@@ -206,8 +206,9 @@ def _outside(block, camera, mine, pixels) -> str:
     )
 
 
-def _axes(block: Block) -> Iterator[str]:
-    """Axes of the image coordinates, where start values tell which way they point."""
+def mirrored(block: Block) -> Iterator[str]:
+    """A sentence on axes of the image coordinates that no pose of a camera makes of the others, as
+    start values tell."""
     rows = block.tie_points
     step = max(len(rows) // 2000, 1)
     image = block.image_rows("tie_points")[::step]
@@ -231,6 +232,11 @@ def _axes(block: Block) -> Iterator[str]:
         yield (
             "Image coordinates run against the start poses in y: is y counted upwards? It is "
             "counted downwards from the centre of the top-left pixel."
+        )
+    elif xu < -_CLEAR and yv > _CLEAR:
+        yield (
+            "Image coordinates run against the start poses in x: are the pictures mirrored? x is "
+            "counted to the right from the centre of the top-left pixel."
         )
     elif xv > _CLEAR and yu > _CLEAR:
         yield (

@@ -3,10 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import corridor
 from corridor.core.preparation.plausibility import doubts
+from corridor.core.preparation.plausibility_of_motion import _disordered
 
 DIKE = Path(__file__).parents[3] / "data_synthetic" / "dike"
 
@@ -54,3 +56,17 @@ def test_positions_of_other_images_are_told_with_how_many_places(dike, places, t
 
 def test_positions_of_their_own_images_are_not_called_those_of_others(dike):
     assert not [one for one in doubts(dike) if "gives each image" in one]
+
+
+def test_times_of_each_other_are_told_where_names_lie_in_order(dike):
+    block = dike.copy()
+    time = block.images["time_s"].to_numpy()
+    block.images = block.images.assign(time_s=np.random.default_rng(1).permutation(time))
+    told = [one for one in doubts(block) if "jumps to and fro" in one]
+    assert len(told) == len(block.flight_names)
+    assert all("each other's times" in one for one in told)
+    # Names of chance lie in no order: then nothing tells which of the two is right.
+    names = [f"{n:08x}" for n in np.random.default_rng(2).integers(0, 2**31, len(time))]
+    new = dict(zip(block.images["image"].astype(str), names, strict=True))
+    block.images["image"] = [new[one] for one in block.images["image"].astype(str)]
+    assert not list(_disordered(block))
