@@ -25,34 +25,3 @@ from corridor.core.preparation.record import record as record_derived
 from corridor.core.preparation.smoothing import rounding, unrounded
 from corridor.core.preparation.strips import strips_of, track_runs
 from corridor.core.preparation.velocity import METHODS, Velocities, velocities
-
-__all__ = [
-    "SLOWEST_READOUT_S",
-    "AGREES",
-    "ARBITRARY",
-    "CONTRADICTS",
-    "FRAME",
-    "METHODS",
-    "UNCHECKED",
-    "Derived",
-    "Prepared",
-    "Velocities",
-    "Witness",
-    "against",
-    "derived",
-    "derived_table",
-    "doubts",
-    "paired_speeds",
-    "prepare",
-    "rates_from_gyro",
-    "rates_from_neighbours",
-    "record_derived",
-    "rounding",
-    "stray",
-    "strips_of",
-    "track_runs",
-    "unlike",
-    "unrounded",
-    "velocities",
-    "velocity_doubts",
-]
