@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,6 +17,9 @@ from matplotlib.patches import Patch
 
 from corridor.core.output import short
 from corridor.interface.figures import style
+
+if TYPE_CHECKING:
+    from corridor.diagnosis import Compared, Comparison
 
 BAND = "#d9d9d9"
 # Panels of the first picture, and maps: more are not read.
@@ -44,31 +47,6 @@ USUAL = (
 HEIGHT, BETWEEN, LEFT, PER_ROW = 1.1, 0.24, 0.65, 4
 # Letters of a name, and the inches that one takes upright.
 LONGEST_NAME, UPRIGHT = 26, 0.05
-
-
-class Compared(Protocol):
-    """One statistic beside its band; see `corridor.diagnosis.Compared`."""
-
-    statistic: Any
-    measured: np.ndarray
-    middle: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    z: np.ndarray
-    limit: float
-    excess: float
-    leaves: bool
-    outside: np.ndarray
-
-
-class Comparison(Protocol):
-    """All statistics of a block beside their bands; see `corridor.diagnosis.Comparison`."""
-
-    name: str
-    count: int
-    statistics: list[Compared]
-    leaving: list[Compared]
-    gap: float
 
 
 def counterpart(
