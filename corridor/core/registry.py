@@ -22,7 +22,7 @@ from typing import Any
 # Folders of rooms, the lowest first.
 _FLOORS = ("core", "tools", "interface")
 # Public names of rooms whose folder is called otherwise.
-_FOLDERS = {"interchange": "formats", "campaign": "batch"}
+_FOLDERS = {"interchange": "formats", "batches": "batch"}
 # Another package offers verbs by entry points of this group: NAME = "its.module".
 VERBS = "corridor.verbs"
 _HERE = Path(__file__).parents[1]

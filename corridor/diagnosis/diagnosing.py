@@ -6,12 +6,12 @@ import os
 import time
 from dataclasses import asdict
 
-from corridor.core.adjustment import Adjustment, Model, Run, implausible, sound_part
+from corridor.core.adjustment import Adjustment, Model, Run, adjustable_part, implausible
 from corridor.core.block import Block, read, with_equal_axes, without_distances
 from corridor.core.engine.threads import one_thread
 from corridor.core.options import options
 from corridor.core.output import plain
-from corridor.core.preparation import derived, doubts, prepare
+from corridor.core.preparation import derived, plausibility_warnings, prepare
 from corridor.diagnosis.anomalies.variance import variance_alarms
 from corridor.diagnosis.anomalies.wrong_matches import broken_picture, outlier_clusters, shows_as
 from corridor.diagnosis.findings.diagnosed import Diagnosed
@@ -108,8 +108,8 @@ def _diagnose(
     block, equal = with_equal_axes(block)
     block, found, notes = prepare(block)
     notes = [*unused, *equal, *(one.sentence for one in found if one.column == "gnss"), *notes]
-    block, left_out = sound_part(block, model, run.strict)
-    doubtful = doubts(block)
+    block, left_out = adjustable_part(block, model, run.strict)
+    doubtful = plausibility_warnings(block)
     notes = [*left_out, *notes]
     believed = ReferenceModel.of(block, model, run)
     course = course_of(believed, asked, run.say)

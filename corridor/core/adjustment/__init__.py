@@ -12,7 +12,7 @@ from corridor.core.adjustment.check_statistics import check_table
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.datum import QUANTITIES
 from corridor.core.adjustment.design import Design, Sets
-from corridor.core.adjustment.left_out import sound_part
+from corridor.core.adjustment.left_out import adjustable_part
 from corridor.core.adjustment.linear_system import Columns, ImageRows, LinearSystem
 from corridor.core.adjustment.matrix import Singular
 from corridor.core.adjustment.model import (
@@ -28,9 +28,9 @@ from corridor.core.adjustment.model import (
     listed,
 )
 from corridor.core.adjustment.normal import Normal
-from corridor.core.adjustment.precompiling import compiling_ahead
+from corridor.core.adjustment.precompiling import precompiling
 from corridor.core.adjustment.problem import make_problem, refuse_distances
-from corridor.core.adjustment.regression import PointGains, point_gains
+from corridor.core.adjustment.regression import PointRegression, point_regression
 from corridor.core.adjustment.result import Adjustment, not_converged
 from corridor.core.adjustment.snooping import Blunder, blunders
 from corridor.core.adjustment.solving import solve

@@ -21,7 +21,7 @@ from corridor.core.adjustment.datum import (
 )
 from corridor.core.adjustment.gross_errors import without_gross_errors
 from corridor.core.adjustment.group_variances import from_where_it_ended, with_gnss_as_it_is
-from corridor.core.adjustment.left_out import sound_part
+from corridor.core.adjustment.left_out import adjustable_part
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.matrix import Singular
 from corridor.core.adjustment.model import Loss, Model, listed_effects
@@ -43,7 +43,7 @@ from corridor.core.engine.rays import SQUARES
 from corridor.core.errors import AdjustmentFailed, InputError, some
 from corridor.core.options import options
 from corridor.core.output import Progress, counted, telling
-from corridor.core.preparation import Prepared, doubts, prepare
+from corridor.core.preparation import Prepared, plausibility_warnings, prepare
 
 # Real flights take 15 to 30; a robust loss creeps along weak directions for up to 70.
 ITERATIONS = 100
@@ -136,8 +136,8 @@ def adjust(
     prepared = prepare(read(block), velocities=bool(model.effects))
     block = prepared.block
     check_needs(block, listed_effects(model.effects))
-    block, left_out = sound_part(block, model, run.strict)
-    doubtful = doubts(block)
+    block, left_out = adjustable_part(block, model, run.strict)
+    doubtful = plausibility_warnings(block)
 
     def again(part: Block, model: Model = model) -> Adjustment:
         try:
@@ -258,7 +258,7 @@ def _once(
     residual, behind = Normal(problem, loss, threads).residuals(problem.start)
     lost = _wild_starts(problem, residual)
     if behind:
-        block, more = _ahead(block, problem, residual, lost)
+        block, more = _in_front(block, problem, residual, lost)
         notes += more
     elif lost:
         block = _without_starts(block, lost)
@@ -340,7 +340,7 @@ def _without_image(
     """The adjustment without an image whose pose nothing determines; else the error."""
     others = block.images.loc[block.images["image"] != name, "image"]
     try:
-        part, notes = sound_part(block.select(images=others), model)
+        part, notes = adjustable_part(block.select(images=others), model)
         found = _once(part, model, run, spare - 1)
     except InputError:
         raise error from None
@@ -433,7 +433,7 @@ def _without_starts(block: Block, names: set[str]) -> Block:
     return complete(block)
 
 
-def _ahead(
+def _in_front(
     block: Block, problem: Problem, residual: np.ndarray, wild: set[str]
 ) -> tuple[Block, list[str]]:
     """The block with points that start behind a camera, or wild, intersected anew or left out."""

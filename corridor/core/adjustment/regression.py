@@ -17,11 +17,11 @@ from scipy.sparse import csc_array
 
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.normal import Normal
-from corridor.core.engine.point_covariance import point_gains as fill_gains
+from corridor.core.engine.point_covariance import point_regression as fill_gains
 
 
 @dataclass(frozen=True)
-class PointGains:
+class PointRegression:
     """points (k,): positions among those of the system. own (k, 3, 3): V^-1, m^2, of each at given
     poses. gain (n, 3k): K, by the columns of the system.
     """
@@ -31,7 +31,7 @@ class PointGains:
     gain: csc_array
 
 
-def point_gains(system: LinearSystem, points: np.ndarray) -> PointGains:
+def point_regression(system: LinearSystem, points: np.ndarray) -> PointRegression:
     """V^-1 and K of some points (k,), positions among `system.points`, each at most once."""
     p = system.problem
     points = np.asarray(points, dtype=np.int64)
@@ -46,7 +46,7 @@ def point_gains(system: LinearSystem, points: np.ndarray) -> PointGains:
         scene = normal.scene(view, modelled, first, last)
         fill_gains(wanted, first, last, scene, p.d, normal.longest, inverse, own, shared)
     full = inverse[:, [0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(-1, 3, 3)
-    return PointGains(points, full, _matrix(system, points, own, shared))
+    return PointRegression(points, full, _matrix(system, points, own, shared))
 
 
 def _matrix(system: LinearSystem, points, own, shared) -> csc_array:

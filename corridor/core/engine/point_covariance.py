@@ -413,7 +413,7 @@ def _gains(wanted, first, last, scene, d, room, together, inverse, own, shared):
             n += count * m
 
 
-def point_gains(wanted, first, last, scene, d, longest, inverse, own, shared):
+def point_regression(wanted, first, last, scene, d, longest, inverse, own, shared):
     """As `_gains`, for images with `d` unknowns; longest: the most rays of a point."""
     wide = scene.columns.wide
     room, together = make_room(BLOCK + GROUP * longest, d, wide), _together(longest, d, wide)

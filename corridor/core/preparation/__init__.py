@@ -3,12 +3,12 @@
 from corridor.core.preparation.angular_rate import rates_from_gyro, rates_from_neighbours
 from corridor.core.preparation.plausibility import (
     SLOWEST_READOUT_S,
-    against,
-    doubts,
-    stray,
-    unlike,
+    plausibility_warnings,
+    position_difference,
+    position_disagreement,
+    position_outliers,
 )
-from corridor.core.preparation.plausibility_of_motion import paired_speeds, velocity_doubts
+from corridor.core.preparation.plausibility_of_motion import paired_speeds, velocity_warnings
 from corridor.core.preparation.preparing import Prepared, prepare
 from corridor.core.preparation.record import (
     AGREES,

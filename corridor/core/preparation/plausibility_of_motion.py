@@ -32,11 +32,11 @@ class _Pairs(NamedTuple):
     stated: np.ndarray
 
 
-def motion_doubts(block: Block) -> list[str]:
+def motion_warnings(block: Block) -> list[str]:
     """Sentences on times and velocities that are probably a mistake."""
     backwards = [*_backwards(block), *_track_backwards(block)]
     # Times that run backwards turn every velocity round.
-    return backwards or velocity_doubts(block)
+    return backwards or velocity_warnings(block)
 
 
 def _backwards(block: Block) -> Iterator[str]:
@@ -91,7 +91,7 @@ _MISTAKEN = {
 _EXPLAINS, _BETTER = 0.5, 1.0 / 3.0
 
 
-def velocity_doubts(block: Block) -> list[str]:
+def velocity_warnings(block: Block) -> list[str]:
     """Velocities beside the way and the time from image to image of one strip, as sentences."""
     pairs = paired_speeds(block)
     count = len(pairs.told)

@@ -275,19 +275,23 @@ def _volumes(volumes: Mapping[str, Volume]) -> Table:
 def _datum(change) -> list[str]:
     out, asked, surface = [], change.asked, change.surface
     if asked.datum == "stable":
-        laying = None if surface is None else surface.laying
-        carried = "" if laying is None else f" ({100 * laying.stable.mean():.0f} % of the surface)"
+        registration = None if surface is None else surface.registration
+        carried = (
+            ""
+            if registration is None
+            else f" ({100 * registration.stable.mean():.0f} % of the surface)"
+        )
         out.append(
             f"Both dates are aligned on what stands still{carried} by a "
             f"{asked.motion} motion: a motion of the whole block cannot be seen."
         )
-        if laying is not None and laying.scale >= 1.05:
+        if registration is not None and registration.scale >= 1.05:
             one = "One adjustment of both dates with one camera (--together --same-camera), or "
             less = "Control" if asked.together and asked.same_camera else f"{one}control,"
             out.append(
-                f"What stands still scatters {times(laying.scale)} times as much as its standard "
-                "deviations say, by errors that the adjustments do not know; those of the surface "
-                f"are multiplied by it. {less} would lessen them."
+                f"What stands still scatters {times(registration.scale)} times as much as its "
+                "standard deviations say, by errors that the adjustments do not know; those of the "
+                f"surface are multiplied by it. {less} would lessen them."
             )
         limit = 0.0 if surface is None else float(np.median(surface.detection / surface.total))
         if limit > FEW:

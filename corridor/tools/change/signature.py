@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
-from corridor.core.adjustment import Columns, LinearSystem, point_gains
+from corridor.core.adjustment import Columns, LinearSystem, point_regression
 from corridor.core.effects import Effect, candidates
 from corridor.tools.change.epoch import Epoch, Spread
 
@@ -93,7 +93,7 @@ class Signatures:
 
     def on(self, spread: Spread) -> np.ndarray:
         """G (r, e): change of functions by one prior standard deviation of each parameter."""
-        gains = point_gains(self._tested, spread.points)
+        gains = point_regression(self._tested, spread.points)
         direct = spread.rows @ gains.gain[self._at].T.toarray()
         through = spread.through @ self._followed
         moved = (direct + through) * self.scale

@@ -10,7 +10,7 @@ from corridor.core.block import RHO
 from corridor.core.brief import brief
 from corridor.core.errors import InputError
 from corridor.core.gnss.interpolation import polynomials, regimes, smoother
-from corridor.core.gnss.interpolation.blunders import singular_epochs, wild_epochs
+from corridor.core.gnss.interpolation.blunders import blunder_epochs, singular_epochs
 from corridor.core.gnss.interpolation.segmenting import segments
 from corridor.core.options import options
 
@@ -124,7 +124,7 @@ def interpolate(
     times = np.asarray(times, dtype=float).reshape(-1)
     pieces = segments(track)
     notes: list[str] = []
-    wild = wild_epochs(track, pieces)
+    wild = blunder_epochs(track, pieces)
     if wild:
         notes.append(_of_wild(track, wild))
         track = track.drop(track.index[list(wild)]).reset_index(drop=True)

@@ -66,11 +66,11 @@ def keywords(options: argparse.Namespace) -> dict:
 
 def run(options: argparse.Namespace) -> None:
     """Adjust, print the report, save what was asked for."""
-    from corridor.core.adjustment import compiling_ahead
+    from corridor.core.adjustment import precompiling
 
     announce_compilation("half a minute", "core")
     # The report asks for covariances, whose kernel is late as well.
-    with compiling_ahead():
+    with precompiling():
         _run(options)
 
 

@@ -96,7 +96,7 @@ def run(options: argparse.Namespace) -> None:
         keywords = _adjust.keywords(options)
     with BlockBar() as progress:
         try:
-            campaign = batch.batch(
+            result = batch.batch(
                 options.verb,
                 options.block,
                 options.output,
@@ -113,12 +113,12 @@ def run(options: argparse.Namespace) -> None:
             raise KeyboardInterrupt(
                 f"the blocks that were done are kept in {options.output}; the same command goes on"
             ) from None
-    print(campaign)
+    print(result)
     wrote(*(options.output / name for name in ("batch.csv", "batch.json", "report.html")))
-    failed = campaign.failed
+    failed = result.failed
     if failed:
         raise WorkFailed(
-            f"{len(failed)} of {len(campaign.rows)} blocks, {failed[0].block} first; "
+            f"{len(failed)} of {len(result.rows)} blocks, {failed[0].block} first; "
             f"{options.output / 'report.html'} says why, and the same command tries them again"
         )
 

@@ -73,7 +73,7 @@ OPTIONS = _model.table(
         choices=("stated", "stable"),
     ),
     "--motion": option(
-        "what laying together may do (default: rigid)",
+        "what registration together may do (default: rigid)",
         choices=("translation", "rigid", "similarity"),
         default="rigid",
     ),

@@ -39,7 +39,7 @@ from corridor.core.gnss import in_metres
 from corridor.core.textfile import Line, filled
 from corridor.tools.formats.cameras import in_the_middle
 from corridor.tools.formats.names import Names
-from corridor.tools.formats.project import Pieces, Project, Views
+from corridor.tools.formats.project import Contents, Project, Views
 
 NAME = "bingo"
 TITLE = "PATB or BINGO text with convention.toml"
@@ -84,7 +84,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     crs = posed.get("crs")
     if crs is not None:
         in_metres(crs)
-    return Pieces(
+    return Contents(
         name=folder.resolve().name,
         cameras=cameras,
         images=names,

@@ -36,7 +36,7 @@ from corridor.tools.formats.cameras import (
 from corridor.tools.formats.programs.metashape.archive import Archive, read_ply
 from corridor.tools.formats.programs.metashape.writing import write as write
 from corridor.tools.formats.project import (
-    Pieces,
+    Contents,
     Project,
     Views,
     ground_table,
@@ -454,7 +454,7 @@ def _project(chunk, cloud, path, notes, warnings):
         notes.append(f"world: east, north, up about {lat:g}, {lon:g} degrees, height {height:g} m")
     placed = world.scaled or (not known.any() and np.isfinite(measured.place).any())
     ties, points = (None, None) if cloud is None else _ties(*cloud, labels, world, chunk.transform)
-    made = Pieces(
+    made = Contents(
         name=path.stem,
         cameras=cameras,
         images=labels,

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import corridor
-from corridor.core.preparation.plausibility import doubts
+from corridor.core.preparation.plausibility import plausibility_warnings
 
 DIKE = Path(__file__).parents[3] / "data_synthetic" / "dike"
 
@@ -24,7 +24,7 @@ def with_keys(block, of_block, of_camera):
 
 
 def unknown(block):
-    return [doubt for doubt in doubts(block) if "not known to corridor" in doubt]
+    return [doubt for doubt in plausibility_warnings(block) if "not known to corridor" in doubt]
 
 
 def test_keys_that_an_import_writes_are_not_called_unknown(dike):
