@@ -119,7 +119,8 @@ def _without_one_position(block: Block, strict: bool) -> tuple[Block, list[str]]
             return block, []
         told = (
             f"gnss.csv: its {len(given)} positions stand at {counted(places, 'place')} "
-            f"({place}{', ...' if places > 1 else ''}), which tells no image from its neighbours"
+            f"({place}{', ...' if places > 1 else ''}), which distinguishes no image from its "
+            "neighbours"
         )
     if strict:
         raise InputError(f"{told}: correct them, or leave gnss.csv out")

@@ -160,7 +160,7 @@ def _restated(start: Block, stated: np.ndarray, factor: np.ndarray) -> tuple[Blo
     start.put("gnss", ("sx", "sy", "sz"), sigma)
     usual, used = np.median(stated, axis=0), np.median(sigma, axis=0)
     told = (
-        f"GNSS: {usual[0]:g} m in plan and {usual[2]:g} m in height are assumed for "
+        f"GNSS: {usual[0]:g} m horizontally and {usual[2]:g} m in height are assumed for "
         f"all positions; about the flight they scatter by {used[0]:.2g} and {used[2]:.2g} m, "
         "which is used. An offset that all of them share is not seen in this."
     )
@@ -304,8 +304,7 @@ def without_unseen_arms(result: Adjustment, again: Again) -> Adjustment:
         return result
     found.add_note(
         f"The lever arm is held at {'what block.toml states' if result.start.lever_arm else '0'}: "
-        f"this flight determines it to {sigma:.1f} m only; --lever-arm free estimates it all the "
-        "same."
+        f"this flight determines it to {sigma:.1f} m only; --lever-arm free estimates it anyway."
     )
     return found
 

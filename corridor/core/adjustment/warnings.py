@@ -299,7 +299,7 @@ def _fit(a):
 def tested_by(block) -> str:
     """How the accuracy of a block without check points gets known: an action, without full stop."""
     if len(block.ground) and len(block.marks):
-        return "Keep surveyed points apart to test it: `corridor adjust BLOCK --check ID,ID`"
+        return "Keep some surveyed points to test it with: `corridor adjust BLOCK --check ID,ID`"
     if len(block.ground):
         return (
             "To know its accuracy, measure the ground points in the images: no image shows one "
@@ -307,7 +307,7 @@ def tested_by(block) -> str:
         )
     return (
         "To know its accuracy, survey points on the ground, measure them in the images, and add "
-        "both with `--ground FILE` of `corridor import`; there are none"
+        "both with `--ground FILE` of `corridor import`"
     )
 
 

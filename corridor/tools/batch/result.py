@@ -154,7 +154,7 @@ def _table(rows: tuple[Row, ...], wide: bool, left_out: int = 0) -> Table:
         lines.append((label, row.verdict, *found, *todo, *numbers))
     header = ["block", "verdict", *(["found"] if effects else []), *(["to do first"] * wide)]
     header += ["sigma naught", "RMS xy (mm)", "z (mm)", "3D (mm)"]
-    notes = ["RMS: of the check points, about zero, in plan, in height and in space"]
+    notes = ["RMS: of the check points, about zero, horizontally, in height and in space"]
     seen = {row.verdict for row in rows}
     notes += [f"{verdict}: {said}" for verdict, said in _MEANING.items() if verdict in seen]
     if left_out:

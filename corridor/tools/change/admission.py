@@ -209,7 +209,7 @@ def strange_effects(adjustment: Adjustment, slugs: Iterable[str], who: str) -> I
                 size = abs(worst) / parameter.scale
                 yield Objection(
                     who,
-                    f"its measurements ask for {find(slug).called} of {fixed(size, 0)} times the "
+                    f"its measurements require {find(slug).called} of {fixed(size, 0)} times the "
                     f"usual size ({parameter.name} = {worst:.3g} {parameter.unit})",
                     f"Something else than {find(slug).called} is wrong with {who}: "
                     "`corridor diagnose` says what its model lacks.",

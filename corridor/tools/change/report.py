@@ -296,8 +296,8 @@ def _datum(change) -> list[str]:
         limit = 0.0 if surface is None else float(np.median(surface.detection / surface.total))
         if limit > FEW:
             out.append(
-                "How far to trust the standard deviations is told by what stands still, and few "
-                f"parts of it are independent: a change counts (95 %) from {times(limit)} times "
+                "What stands still shows how far to trust the standard deviations, and few parts "
+                f"of it are independent: a change counts (95 %) from {times(limit)} times "
                 "its sigma on."
             )
     if change.gained is not None:

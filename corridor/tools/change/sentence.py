@@ -54,8 +54,8 @@ def _unfit(objections) -> str:
     first = objections[0]
     how = [one.what for one in objections if one.who == first.who][:2]
     if first.who == WHOLE:
-        return f"Cannot be told: {first.who} {how[0]}."
-    return f"Cannot be told: {first.who} does not fit its own model: {'; '.join(how)}."
+        return f"Cannot be determined: {first.who} {how[0]}."
+    return f"Cannot be determined: {first.who} does not fit its own model: {'; '.join(how)}."
 
 
 def remedies(change, most: int = 3) -> list[str]:
@@ -69,7 +69,7 @@ def remedies(change, most: int = 3) -> list[str]:
     if not len(hiding):
         return [
             "No single effect hides the change, several together do: control points that stand "
-            "still at both dates would tell."
+            "still at both dates would decide."
         ]
     out = []
     for place, rows in hiding.groupby("place", sort=False):

@@ -388,7 +388,7 @@ def _of_scatter(found, pieces):
     for row in found[found["scale"] > _CONTRADICTS].itertuples():
         rate = 1 / pieces["interval_s"].iloc[row.segment]
         text = (
-            f"piece {row.segment + 1}, {row.group}: neighbouring epochs scatter {row.scale:.1f} "
+            f"segment {row.segment + 1}, {row.group}: neighbouring epochs scatter {row.scale:.1f} "
             "times as much as their sigmas say, which is used"
         )
         if row.unresolved_m > 0.5 * row.sigma_m * np.sqrt(1 - row.scale**-2.0):
@@ -402,7 +402,7 @@ def _of_scatter(found, pieces):
 def _of_noise(found, stated, slow_share):
     notes = []
     for row in found.itertuples():
-        where = f"piece {row.segment + 1}, {row.group}"
+        where = f"segment {row.segment + 1}, {row.group}"
         if not stated:
             notes.append(
                 f"{where}: the track states no standard deviations; its scatter gives "

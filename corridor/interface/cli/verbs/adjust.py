@@ -23,7 +23,8 @@ OUT holds report.html (tables and pictures on one page), adjustment.json (every 
 (layers points, check_vectors, cameras, footprints; standard deviations sx, sy, sz in metres) and
 adjustment.las (the points), in the block's CRS with its offset added. It appears when all of it is
 written, or not at all; an earlier result in OUT is replaced. An adjustment that did not converge
-is none: status 1, nothing written, and what lies far from the start values is printed.
+is not a result: the status is 1, nothing is written, and what lies far from the start values is
+printed.
 """
 
 import argparse

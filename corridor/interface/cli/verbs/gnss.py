@@ -71,8 +71,8 @@ def run(options: argparse.Namespace) -> None:
     track = gnss.read_track(options.track)
     if options.crs is not None and track.crs is None and track.origin is None:
         raise InputError(
-            f"{options.track} is in local metres without a place on the earth, and cannot be told "
-            f"in {options.crs}: leave --crs out"
+            f"{options.track} is in local metres without a place on the earth, so it cannot be "
+            f"converted to {options.crs}: leave --crs out"
         )
     exposures = gnss.read_exposures(options.images)
     if options.photos is not None:

@@ -11,7 +11,7 @@ examples:
 
 OUT holds report.html and batch.csv (a row a block, the most urgent first: verdict, sigma naught,
 RMS of check points in metres, what to do first), batch.json, and for each block blocks/NAME, which
-is what the verb writes. NAME is as much of a block's path as tells it from the others.
+is what the verb writes. NAME is the part of a block's path that distinguishes it from the others.
 
 The same command goes on where it was interrupted. What is done is not done again, unless the
 block, the options or the version have changed; what failed is. A block that fails is a row with its

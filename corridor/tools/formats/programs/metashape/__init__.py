@@ -198,8 +198,8 @@ def _names_of(element: Xml, parts: list[Xml], notes: list[str]) -> dict[str, str
         seen[label] += 1
         made[number] = label if seen[label] == 1 else f"{seen[label]}/{label}"
     notes.append(
-        f"{twice} labels belong to several cameras, and neither groups nor folders tell them "
-        "apart: the second is called 2/LABEL; put the cameras of each flight into a group to give "
+        f"{twice} labels belong to several cameras, and neither groups nor folders distinguish "
+        "them: the second is called 2/LABEL; put the cameras of each flight into a group to give "
         "them its name"
     )
     return made
