@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.adjustment.blunders import exchanged_points
-from corridor.core.adjustment.group_variances import FACTOR, false_apart, lengths
+from corridor.core.adjustment.group_variances import CONTRADICTING_FACTOR, false_apart, lengths
 from corridor.core.adjustment.result import Adjustment
 from corridor.core.camera import project
 from corridor.core.errors import AdjustmentFailed, InputError, some
@@ -126,7 +126,7 @@ def _without_marks(result: Adjustment, again: Again, notes: list[str]) -> Adjust
     start = block.with_(marks=marks[kept].reset_index(drop=True))
     found = again(start, model)
     # Squares that fit with them bear them: the marks are told among the outliers.
-    if not _square(found) < _square(result) / FACTOR**2:
+    if not _square(found) < _square(result) / CONTRADICTING_FACTOR**2:
         return result
     notes.append(_told(robust, gone))
     return found

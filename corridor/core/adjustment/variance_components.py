@@ -18,7 +18,7 @@ from scipy.special import chdtri
 from corridor.core.adjustment.cofactors import of_antennas
 from corridor.core.adjustment.group_variances import (
     AXES,
-    RARE,
+    RARE_CHANCE,
     contradicting,
     false_positions,
     from_where_it_ended,
@@ -221,7 +221,7 @@ def with_common_offset(result: Adjustment, again: Again, stated: np.ndarray) -> 
     if not (coarse or wrong or lasting):
         return result
     offset, test = _common_offset(result)
-    if test < chdtri(max(np.count_nonzero(offset), 1), RARE):
+    if test < chdtri(max(np.count_nonzero(offset), 1), RARE_CHANCE):
         return result
     # What drifts is off in the mean too, and by no more than it drifts.
     if lasting and (np.abs(offset) < OUTLIER * np.median(stated, axis=0)).all():

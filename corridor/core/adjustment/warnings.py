@@ -20,7 +20,7 @@ _ROW_DEGREE = 4
 # An estimate this far from what is stated beforehand is told.
 FAR_SIGMAS = 3.0
 # Pixels of sensors are square to a few parts in ten thousand, and their axes perpendicular.
-SQUARE = 2e-3
+NOT_SQUARE = 2e-3
 # An adjusted camera is another than the stated: focal length, principal point (of the width).
 FAR_FOCAL, FAR_CENTRE = 0.08, 0.1
 # No drone carries its antenna so far from the camera.
@@ -269,12 +269,12 @@ def _pixels(a):
     """Affinity that no sensor has."""
     free = a.camera[a.camera["free"] & a.camera["parameter"].isin(["b1", "b2"])]
     size = free["value"].abs()
-    found = free[(size > SQUARE) & (size > FAR_SIGMAS * free["sigma"])]
+    found = free[(size > NOT_SQUARE) & (size > FAR_SIGMAS * free["sigma"])]
     for camera, rows in found.groupby("camera", sort=False):
         values = " and ".join(f"{r.parameter} {100 * r.value:.2f} %" for r in rows.itertuples())
         yield (
             f"Camera {camera} has {values}: the pixels of sensors are square to less than "
-            f"{100 * SQUARE:g} %. It takes up what the model lacks (a rolling shutter at one "
+            f"{100 * NOT_SQUARE:g} %. It takes up what the model lacks (a rolling shutter at one "
             "speed, say), or the flight does not determine it: `--camera fraser8` holds it."
         )
 

@@ -33,12 +33,12 @@ from corridor.core.output import (
 from corridor.tools.change.explanation import Explanation
 from corridor.tools.change.points import PointChanges
 from corridor.tools.change.sentence import lower, millimetres, remedies, verdict_sentence
-from corridor.tools.change.signature import SHOWN
+from corridor.tools.change.signature import SHOWN_LOG_EVIDENCE
 from corridor.tools.change.surface import SurfaceChange, Volume
 
 RESULT = "change.json"
 # Student's limit of 95 % with ten degrees of freedom: below that a scale is told by few numbers.
-FEW = 2.23
+STUDENT_95_OF_10 = 2.23
 _VERDICTS = {
     "moved": "the ground moved",
     "camera": "the camera explains it",
@@ -241,7 +241,7 @@ def _effects(told: Explanation, most: int = 8) -> Table:
         {
             "epoch": row.epoch,
             "effect": row.effect,
-            "shown": "yes" if row.log_evidence > SHOWN else "no",
+            "shown": "yes" if row.log_evidence > SHOWN_LOG_EVIDENCE else "no",
             "shape": f"{100 * row.shape_share:.0f} %",
             "explains": f"{100 * row.explained:.0f} %",
             "likely": _chance(row.probability),
@@ -294,7 +294,7 @@ def _datum(change) -> list[str]:
                 f"surface are multiplied by it. {less} would lessen them."
             )
         limit = 0.0 if surface is None else float(np.median(surface.detection / surface.total))
-        if limit > FEW:
+        if limit > STUDENT_95_OF_10:
             out.append(
                 "What stands still shows how far to trust the standard deviations, and few parts "
                 f"of it are independent: a change counts (95 %) from {times(limit)} times "

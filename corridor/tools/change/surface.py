@@ -25,7 +25,7 @@ from corridor.tools.change.cores import Cores
 from corridor.tools.change.epoch import Cloud
 from corridor.tools.change.joint import Joint
 from corridor.tools.change.m3c2 import (
-    LEAST,
+    LEAST_IN_CYLINDER,
     Members,
     distance_functions,
     members,
@@ -148,7 +148,7 @@ def surface_change(
         raise InputError("no core points are given: there is no surface to compare")
     clouds = (joint.before, joint.after)
     found = _both(clouds, cores, degree, sampled)
-    least = max(LEAST, found[0].fit + 2)
+    least = max(LEAST_IN_CYLINDER, found[0].fit + 2)
     kept = np.flatnonzero((found[0].count >= least) & (found[1].count >= least))
     if not len(kept):
         raise InputError(

@@ -44,7 +44,7 @@ _BLOCK, _BLOCKS = 200, 12
 _CALM_S, _WANDER = 5.0, 1.5
 # A float ambiguity is wrong by nearly the same from epoch to epoch.
 _WORSE = 0.95
-FEWEST = 12
+FEWEST_EPOCHS = 12
 
 
 class Epochs(NamedTuple):
@@ -190,7 +190,7 @@ def fit(epochs: Epochs, share: float | None) -> Model:
     A piece of fewer than 12 epochs cannot tell: it gets the noise of a rough flight.
     """
     n = len(epochs.time)
-    if n < FEWEST:
+    if n < FEWEST_EPOCHS:
         unknown_velocity = epochs.velocity is not None and epochs.velocity_sigma is None
         axis = Axis(1.0, share or 0.0, 1.0, 0.1 if unknown_velocity else None)
         jerks = np.outer(np.full(n, 10.0), _OF_AXIS)
