@@ -116,6 +116,13 @@ def _turned_as_one(seen, yaw):
     return any(_alike(off, np.full(len(off), turn + half)) for half in (0, 180))
 
 
+def east_north(photos: Sequence[Metadata]) -> np.ndarray:
+    """Where photographs were taken (n, 2), m east and north of their middle."""
+    spots = np.array([[photo.lon_deg, photo.lat_deg, 0.0] for photo in photos])
+    lon, lat, _ = np.median(spots, axis=0)
+    return Local(float(lat), float(lon), 0.0).from_geographic(spots)[:, :2]
+
+
 def _courses(photos):
     """Degrees from north over east of the way from each photograph's neighbours, NaN where short.
 
@@ -130,10 +137,7 @@ def _courses(photos):
         for k, p in enumerate(photos)
     }
     placed.sort(key=lambda k: (moment[k], photos[k].name))
-    spots = np.array([[photos[k].lon_deg, photos[k].lat_deg, 0.0] for k in placed])
-    lon, lat, _ = np.median(spots, axis=0)
-    plan = Local(float(lat), float(lon), 0.0).from_geographic(spots)[:, :2]
-    step = np.diff(plan, axis=0)
+    step = np.diff(east_north([photos[k] for k in placed]), axis=0)
     long = np.linalg.norm(step, axis=1) > _LEAST_WAY_M
     way = np.degrees(np.arctan2(step[:, 0], step[:, 1]))
     # Where a strip ends, the ways before and after differ: neither is the drone's.
