@@ -5,7 +5,7 @@ Rotations go from world to camera, X = R (P - C); the camera looks along z, x ri
 
 from corridor.core.geometry.helmert import Similarity, helmert_motions, relative_width, similarity
 from corridor.core.geometry.intersection import Rays, intersect, meeting_points
-from corridor.core.geometry.resampling import cluster_robust_sigma, jackknife, tested_sigma
+from corridor.core.geometry.resampling import cluster_robust_sigma, jackknife, sigma_by_test
 from corridor.core.geometry.resection import closed_pose, refine_poses
 from corridor.core.geometry.robust import (
     CLIPPED,

@@ -36,7 +36,7 @@ def cluster_robust_sigma(
     return float(sigma * np.sqrt(factor)), float(share.sum() ** 2 / np.sum(share**2) - 1.0)
 
 
-def tested_sigma(formal: float, by_groups: float, free: float) -> float:
+def sigma_by_test(formal: float, by_groups: float, free: float) -> float:
     """The formal sigma, or that of groups left out in turn where it contradicts the formal one.
 
     Few groups scatter themselves, with so many degrees of freedom: theirs is taken where it is

@@ -14,7 +14,7 @@ from corridor.core import adjustment as least_squares
 from corridor.core.block import Block, read
 from corridor.core.effects import Effect, Images, every_effect
 from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.core.geometry import cluster_robust_sigma, tested_sigma
+from corridor.core.geometry import cluster_robust_sigma, sigma_by_test
 from corridor.core.output import Progress, telling
 from corridor.core.photographs import of_picture, published_readouts
 from corridor.core.preparation import prepare, strips_of
@@ -79,7 +79,7 @@ def readout_from_flight(
         left.append(Left(strip, len(rows), *_without(adjustment, rows)))
     without = [one.readout for one in left], [one.sigma for one in left]
     by_strips, free = cluster_robust_sigma(readout, formal, *without)
-    sigma = tested_sigma(formal, by_strips, free)
+    sigma = sigma_by_test(formal, by_strips, free)
     counsel = None
     if advise:
         say("looking for photographs that would help", 0.9, 1.0)

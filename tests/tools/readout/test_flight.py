@@ -10,7 +10,7 @@ import scipy.stats
 import corridor
 from benchmarks.readout_flight import measured, survey
 from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.core.geometry import cluster_robust_sigma, jackknife, tested_sigma
+from corridor.core.geometry import cluster_robust_sigma, jackknife, sigma_by_test
 from corridor.core.preparation import strips_of, unrounded
 from corridor.interface.cli import main
 from corridor.tools.readout import published_value, readout_from_flight, save_flight, use
@@ -62,12 +62,12 @@ class TestOneSigma:
     def test_strips_count_where_they_contradict_the_formal_one(self):
         """Chi-square of 4 degrees of freedom, 95 per cent: 9.488, so 1.54 times the sigma."""
         assert (
-            tested_sigma(1.0, np.nan, 0)
-            == tested_sigma(1.0, 0.3, 4)
-            == tested_sigma(1.0, 1.53, 4)
+            sigma_by_test(1.0, np.nan, 0)
+            == sigma_by_test(1.0, 0.3, 4)
+            == sigma_by_test(1.0, 1.53, 4)
             == 1.0
         )
-        assert tested_sigma(1.0, 1.55, 4) == 1.55
+        assert sigma_by_test(1.0, 1.55, 4) == 1.55
 
 
 class TestTheFlightOfADike:
