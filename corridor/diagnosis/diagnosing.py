@@ -6,7 +6,15 @@ import os
 import time
 from dataclasses import asdict
 
-from corridor.core.adjustment import Adjustment, Model, Run, adjustable_part, implausible
+from corridor.core.adjustment import (
+    Adjustment,
+    Model,
+    Run,
+    adjustable_part,
+    implausible,
+    refit,
+    with_turns_as_seen,
+)
 from corridor.core.block import Block, read, with_equal_axes, without_distances
 from corridor.core.engine.threads import one_thread
 from corridor.core.options import options
@@ -108,8 +116,9 @@ def _diagnose(
     block, equal = with_equal_axes(block)
     block, found, notes = prepare(block)
     notes = [*unused, *equal, *(one.sentence for one in found if one.column == "gnss"), *notes]
+    block, turned = with_turns_as_seen(block, lambda part: refit(part, model, run))
     block, left_out = adjustable_part(block, model, run.strict)
-    doubtful = plausibility_warnings(block)
+    doubtful = [*turned, *plausibility_warnings(block)]
     notes = [*left_out, *notes]
     believed = ReferenceModel.of(block, model, run)
     course = course_of(believed, asked, run.say)

@@ -28,6 +28,8 @@ from corridor.diagnosis.settings import SETTINGS
 CREEPING = 0.1
 # Damping, as a share of the diagonal, that shortens no step but along what nothing determines.
 HARDLY_DAMPED = 1e-6
+# What the first adjustment says of what it decided.
+_DECISIONS = ("left out", "set aside", "contradict the stated", "contradict each other")
 # Iterations over which the cost of one that has settled is compared.
 _LAST = 5
 
@@ -104,7 +106,7 @@ class ReferenceModel:
         """By the verb, which decides what all others go by."""
         most = self.run.max_iterations or SETTINGS.iterations
         run = Run(self.run.threads, max_iterations=most, strict=self.run.strict)
-        return adjustment.adjust(self.block, model=model, run=run, weights="stated")
+        return adjustment.adjust(self.block, model=model, run=run, weights="marks")
 
     def adjust(
         self, more: Iterable[Effect] = (), block: Block | None = None, near: bool = False
@@ -163,7 +165,7 @@ class ReferenceModel:
         arm = "free" if result.problem.arms_free else "fixed"
         self.model = replace(self.model, lever_arm=arm)
         images = set(result.problem.images.names)
-        self.left_out = [note for note in result.notes if "left out" in note or "set aside" in note]
+        self.left_out = [note for note in result.notes if any(word in note for word in _DECISIONS)]
         block = self.block
         if len(images) < len(block.images):
             block = block.select(images=[n for n in block.images["image"] if n in images])

@@ -71,3 +71,23 @@ def test_where_the_gnss_is_off_no_knock_of_the_camera_takes_its_place():
     found = diagnose(hidden.block)
     assert {one["slug"] for one in found.effects} <= {"gnss_bias", "control_datum"}
     assert found.effects and found.unknown == []
+
+
+@pytest.mark.slow
+def test_another_camera_from_a_strip_on_is_no_lens_that_follows_the_temperature():
+    """The last third of the pictures with f, cx, cy and k1 of another camera, in one flight."""
+    block = generate(null("clean", strips=3, images=36, observations=120), seed=62).block.copy()
+    (camera,) = block.cameras.values()
+    half = camera.width / 2
+    middle = [half, camera.height / 2]
+    last = set(block.images["image"].astype(str)[24:])
+    for name in ("tie_points", "marks"):
+        table = getattr(block, name).copy()
+        mine = table["image"].astype(str).isin(last).to_numpy()
+        away = table.loc[mine, ["x", "y"]].to_numpy(float) - middle
+        square = (away**2).sum(axis=1, keepdims=True) / half**2
+        table.loc[mine, ["x", "y"]] = away * (1.01 + 0.004 * square) + middle + [12.0, -9.0]
+        setattr(block, name, table)
+    found = diagnose(block)
+    assert not found.effects
+    assert [one["group"] for one in found.unknown] == ["camera_step"]

@@ -34,6 +34,7 @@ from corridor.core.adjustment.regression import PointRegression, point_regressio
 from corridor.core.adjustment.result import Adjustment, not_converged
 from corridor.core.adjustment.snooping import Blunder, blunders
 from corridor.core.adjustment.solving import solve
+from corridor.core.adjustment.turns import with_turns_as_seen
 from corridor.core.adjustment.uncertain_motion import MotionScale, as_seen
 from corridor.core.adjustment.variance_components import gnss_of_metres
 from corridor.core.adjustment.warnings import grave, implausible, tested_by

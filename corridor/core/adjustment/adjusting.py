@@ -20,6 +20,7 @@ from corridor.core.adjustment.datum import (
     scaled_by_distances,
 )
 from corridor.core.adjustment.gross_errors import without_gross_errors
+from corridor.core.adjustment.ground_variances import ground_doubts, with_marks_as_they_are
 from corridor.core.adjustment.group_variances import from_where_it_ended, with_gnss_as_it_is
 from corridor.core.adjustment.left_out import adjustable_part
 from corridor.core.adjustment.linear_system import LinearSystem
@@ -29,6 +30,7 @@ from corridor.core.adjustment.normal import Normal
 from corridor.core.adjustment.problem import Problem, State, make_problem
 from corridor.core.adjustment.result import Adjustment
 from corridor.core.adjustment.solving import solve
+from corridor.core.adjustment.turns import with_turns_as_seen
 from corridor.core.adjustment.variance_components import (
     weighted_by_scatter,
     with_common_offset,
@@ -57,6 +59,7 @@ _SPARE = 0.05
 _FOR_A_PAIR = 5
 # Sigma naught of what has been adjusted to something that cannot be.
 _WRECKED = 20.0
+_WEIGHTS = ("estimated", "marks", "stated")
 # A point that ends this near to a camera, of where it began, has fallen into it.
 _FALLEN = 0.1
 
@@ -119,8 +122,9 @@ def adjust(
         is left.
     weights: `estimated`: where antenna positions contradict their stated standard deviations, they
         are weighted as they are, a block of false ones apart from the rest, and coarse ones with
-        the offset they share; a sentence says so (`Adjustment.variance_components`).
-        `stated`: as stated.
+        the offset they share; a sentence says so (`Adjustment.variance_components`), and where
+        marks or ground control contradict theirs. `marks`: these are weighted as they are, in
+        place of the positions. `stated`: as stated.
 
     What the block can know by itself is filled in first (`corridor.prepare`), as in `diagnose`.
     A focal length that block.toml says is stated (`f_stated`, by photographs) is a prior of a
@@ -131,13 +135,11 @@ def adjust(
     Raises InputError where the block cannot be adjusted as asked, AdjustmentFailed where the
     iterations get nowhere.
     """
-    if weights not in ("estimated", "stated"):
-        raise InputError(f"weights {weights!r} are unknown: use estimated or stated")
+    if weights not in _WEIGHTS:
+        raise InputError(f"weights {weights!r} are unknown: use {some(_WEIGHTS, 3)}")
     prepared = prepare(read(block), velocities=bool(model.effects))
     block = prepared.block
     check_needs(block, listed_effects(model.effects))
-    block, left_out = adjustable_part(block, model, run.strict)
-    doubtful = plausibility_warnings(block)
 
     def again(part: Block, model: Model = model) -> Adjustment:
         try:
@@ -150,14 +152,20 @@ def adjust(
             found.start = part
             return found
 
+    block, turned = with_turns_as_seen(block, again)
+    block, left_out = adjustable_part(block, model, run.strict)
+    doubtful = [*turned, *plausibility_warnings(block)]
+
     def whole(part: Block) -> Adjustment:
-        found = _without_gross_errors(part, model, again)
+        found = _without_gross_errors(part, model, again, weights == "marks")
         if reject_gnss:
             found = without_false_fixes(found, again, part.gnss_sigma())
         found = weighted_by_scatter(found, again)
         if weights == "estimated":
             found = with_common_offset(found, again, part.gnss_sigma())
             found = with_gnss_as_it_is(found, again)
+            for doubt in ground_doubts(found):
+                found.add_note(doubt)
         found = with_motion_as_seen(without_unseen_arms(found, again), again)
         return with_held_focal_asked(found, again)
 
@@ -217,15 +225,23 @@ def _with_ground_as_seen(
     return result, []
 
 
-def _without_gross_errors(block: Block, model: Model, again: Callable) -> Adjustment:
+def _without_gross_errors(
+    block: Block, model: Model, again: Callable, reweighted: bool
+) -> Adjustment:
     """The block adjusted, without what squares do not get over.
 
-    A robust loss limits image points, and not positions: it is for squares to tell what is gross.
+    A robust loss limits image points, and not positions: it is for squares to tell what is gross,
+    and, if asked, how good marks are.
     """
+
+    def by_squares(model: Model) -> Adjustment:
+        found = without_gross_errors(again(block, model), again)
+        return with_marks_as_they_are(found, again) if reweighted else found
+
     if Loss.parse(model.loss).kind == SQUARES:
-        return without_gross_errors(again(block), again)
+        return by_squares(model)
     try:
-        found = without_gross_errors(again(block, replace(model, loss="squares")), again)
+        found = by_squares(replace(model, loss="squares"))
     except (InputError, AdjustmentFailed):
         return again(block)
     return from_where_it_ended(found, found.start, model, again)

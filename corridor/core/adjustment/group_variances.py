@@ -167,6 +167,12 @@ def _suspicious(result: Adjustment) -> bool:
     )
 
 
+def general(result: Adjustment) -> float:
+    """Sigma naught of the tie points without gross errors, or of all; 1 where it is less."""
+    ties = result.statistics["tie"]
+    return max(ties["sigma0"] if ties else result.sigma0, 1.0)
+
+
 def contradicting(result: Adjustment) -> dict[tuple[str, str], float]:
     """Groups (part, flight) of antenna positions whose residuals contradict their standard
     deviations, and their sigma naught over the general one."""
@@ -174,15 +180,15 @@ def contradicting(result: Adjustment) -> dict[tuple[str, str], float]:
         return {}
     table = components(result)
     # What all observations are too large by is sigma naught's matter.
-    general = max(result.sigma0, 1.0)
+    usual = general(result)
     wrong = (
         (table["kind"] == "gnss")
         & (table["redundancy"] >= _LEAST)
         & (table["p"] < RARE_CHANCE)
-        & (table["sigma0"] > CONTRADICTING_FACTOR * general)
+        & (table["sigma0"] > CONTRADICTING_FACTOR * usual)
     )
     return {
-        (row.part, row.flight): row.sigma0 / general for row in table[wrong].itertuples(index=False)
+        (row.part, row.flight): row.sigma0 / usual for row in table[wrong].itertuples(index=False)
     }
 
 
@@ -205,6 +211,7 @@ def from_where_it_ended(result: Adjustment, start: Block, model: Model, again: A
     """Adjusted with positions and stated arms of `start`, from the poses that were found."""
     ended = result.start_again
     ended.gnss, ended.lever_arm, ended.extra = start.gnss, start.lever_arm, start.extra
+    ended.marks, ended.ground = start.marks, start.ground
     found = again(ended, model)
     found.start = start
     found.keep_notes(result)
@@ -403,16 +410,51 @@ def false_apart(
 
 
 def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.ndarray | None:
-    """Which antenna positions (k,) are false; None where their rest does not agree with itself."""
-    table = result.residuals["gnss"]
+    """Which antenna positions (k,) are false; None where their rest does not agree with itself.
+
+    Begun with the part that fits best; where that ends nowhere, without each part of the flights
+    in turn: false positions follow each other, and may have drawn all others after them.
+    """
     mine = np.isin(_flights(result), flights)
-    names = table["image"].astype(str).to_numpy()
-    sigma = table[["sx", "sy", "sz"]].to_numpy()
-    length = lengths(result, sigma)
-    quantile = float(chdtri(3, 1.0 - _BEST))
-    order = np.argsort(length[mine], kind="stable")
-    best = ~mine
-    best[np.flatnonzero(mine)[order[: int(np.ceil(_BEST * mine.sum()))]]] = True
+    sigma = result.residuals["gnss"][["sx", "sy", "sz"]].to_numpy()
+    images = result.system.images
+    taken = images.time[result.system.gnss.image] if np.isfinite(images.time).all() else None
+    rows = np.flatnonzero(mine)
+    if taken is not None:
+        rows = rows[np.argsort(taken[rows], kind="stable")]
+    count = len(rows) - int(np.ceil(_BEST * len(rows)))
+    by_fit = np.flatnonzero(mine)[np.argsort(-lengths(result, sigma)[mine], kind="stable")]
+    parts = [by_fit[:count], *(rows[k : k + count] for k in _begun(len(rows), count))]
+    # With all of them; the rest agrees with itself, or at least far better than all do.
+    limit = max(CONTRADICTING_FACTOR, _scale(lengths(result, sigma)[mine]) / CONTRADICTING_FACTOR)
+    least, found = limit, None
+    for part in parts:
+        best = np.ones(len(mine), bool)
+        best[part] = False
+        false, scale = _concentrated_from(best, mine, sigma, result, again)
+        if scale < least:
+            least, found = scale, false
+        if scale < CONTRADICTING_FACTOR:
+            break
+    return found
+
+
+def _scale(length: np.ndarray) -> float:
+    """Size of positions in their sigmas by the best six tenths of their lengths, chi of three."""
+    return float(np.sqrt(np.quantile(length**2, _BEST) / chdtri(3, 1.0 - _BEST)))
+
+
+def _begun(rows: int, count: int) -> list[int]:
+    """Where parts of `count` of so many rows begin, that overlap by half."""
+    return list(range(0, rows - count + 1, max(count // 2, 1)))
+
+
+def _concentrated_from(
+    best: np.ndarray, mine: np.ndarray, sigma: np.ndarray, result: Adjustment, again: Again
+) -> tuple[np.ndarray, float]:
+    """The same, begun with some (k,) of the positions that are looked at, and all others; and the
+    size of the rest, infinite where it is not the greater part."""
+    names = result.residuals["gnss"]["image"].astype(str).to_numpy()
     found = result
     for _ in range(_STEPS):
         start = result.start.copy()
@@ -421,19 +463,15 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
         try:
             found = from_where_it_ended(found, start, result.problem.model, again)
         except (InputError, AdjustmentFailed):
-            return None
+            return ~best, np.inf
         if not found.converged:
-            return None
+            return ~best, np.inf
         length = lengths(found, sigma)
-        # Of a chi-square of three axes six tenths lie below the quantile.
-        scale = np.sqrt(np.quantile(length[mine] ** 2, _BEST) / quantile)
+        scale = _scale(length[mine])
         before, best = best, ~mine | (length < OUTLIER * max(scale, 1.0))
         if (best == before).all():
             break
-    # The rest agrees, and is the greater part.
-    if scale > CONTRADICTING_FACTOR or (~best).sum() > (1.0 - _BEST) * mine.sum():
-        return None
-    return ~best
+    return ~best, scale if (~best).sum() <= (1.0 - _BEST) * mine.sum() else np.inf
 
 
 def lengths(found: Adjustment, sigma: np.ndarray) -> np.ndarray:

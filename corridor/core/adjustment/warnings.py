@@ -27,6 +27,8 @@ FAR_FOCAL, FAR_CENTRE = 0.08, 0.1
 LONG_ARM_M = 5.0
 # Residuals of control, in sigmas, from which on a search for what is wrong is worth its time.
 _LOOK = 2.5
+# Sigma naught of a kind of observation that contradicts what is stated of it.
+_DOUBTFUL = 2.0
 
 
 def warnings_of(adjustment: Tables) -> list[str]:
@@ -319,9 +321,10 @@ def _wrong_control(a):
     if not a.converged or len(table) < 2 or not np.abs(scaled).max() > _LOOK:
         return
     found = a.reliability.wrong_control
-    # Where antenna positions contradict what is stated, nobody knows who is right, but of a gross
-    # error which all else bends to.
-    if a.statistics["gnss"] and a.statistics["gnss"]["sigma0"] > 2.0:
+    # Where antenna positions or marks contradict what is stated, or too many coordinates do, nobody
+    # knows who is right, but of a gross error which all else bends to.
+    doubtful = any(a.statistics[kind].get("sigma0", 0.0) > _DOUBTFUL for kind in ("gnss", "mark"))
+    if doubtful or len(found) >= len(table):
         found = found[found["w"].abs() > GROSS][:1]
     if not len(found):
         return

@@ -24,4 +24,11 @@ from corridor.core.preparation.record import (
 from corridor.core.preparation.record import record as record_derived
 from corridor.core.preparation.smoothing import rounding, unrounded
 from corridor.core.preparation.strips import strips_of, track_runs
+from corridor.core.preparation.turned_images import (
+    quarters_of,
+    turned_back,
+    turned_by,
+    turned_images,
+    without_turned_starts,
+)
 from corridor.core.preparation.velocity import METHODS, Velocities, velocities

@@ -22,6 +22,7 @@ from corridor.core.geometry import (
 from corridor.core.output import counted
 from corridor.core.preparation.plausibility_of_motion import motion_warnings
 from corridor.core.preparation.plausibility_on_earth import earth_warnings
+from corridor.core.preparation.turned_images import turned_images
 
 # Readouts of frame sensors end at a quarter of a second.
 SLOWEST_READOUT_S = 0.5
@@ -64,7 +65,7 @@ def plausibility_warnings(block: Block) -> list[str]:
         *_positions(block),
         *_pictures(block),
         # Where tie points are turned, marks are turned with them.
-        *(list(_axes(block)) or _marks_of_other_pictures(block)),
+        *(list(_axes(block)) or list(turned_images(block)) or _marks_of_other_pictures(block)),
         *_settings(block),
         *_passed_over(block),
         *motion_warnings(block),

@@ -18,7 +18,7 @@ from corridor.diagnosis.report.wording import (
     upper,
     value_and_sigma,
 )
-from corridor.diagnosis.verification.held_out import check_alone
+from corridor.diagnosis.verification.held_out import check_alone, check_together
 
 # Parameters told in the sentence; the table has them all.
 MOST = 4
@@ -60,12 +60,20 @@ def _still_off(d: Diagnosed) -> str:
 
 
 def _off_by(d: Diagnosed) -> tuple[str, str]:
-    """How far check points are off, and a sentence on one that is so alone; empty: by chance."""
+    """How far check points are off, and a sentence where one is so alone, or all are so
+    together beside ground control; empty: by chance."""
     sigmas, error = d.check_sigmas, d.gap["check_m"]
     if not sigmas or not error or sigmas < OFF:
         return "", ""
     by = f"{amount(error['after'], 'm')}, {sigmas:.1f} times their standard deviations"
     found = check_alone(d.after, OFF)
+    together = check_together(d.after, OFF)
+    if found is None and together is not None and len(d.after.system.control_names) > 2:
+        vector = ", ".join(f"{1000.0 * value:+.0f}" for value in together)
+        return by, (
+            f" But all check points lie ({vector}) mm from where they are given, together: were "
+            "they surveyed from another base than the ground control, or in another height system?"
+        )
     if found is None:
         return by, ""
     point, axis, size, others = found

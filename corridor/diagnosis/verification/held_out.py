@@ -333,6 +333,18 @@ def check_alone(after: Adjustment, limit: float) -> tuple[str, str, float, float
     return str(points[worst]), ("x", "y", "height")[axis], float(off[worst, axis]), others
 
 
+def check_together(after: Adjustment, limit: float) -> np.ndarray | None:
+    """The vector (3,), m, by which all check points are off together; None where what is left of
+    them beside it is `limit` standard deviations, RMS, and more."""
+    points = after.check_points["point"].reset_index(drop=True)
+    if len(points) < 3:
+        return None
+    off, sigma = _off(after, points)
+    mean = off.mean(axis=0)
+    left = ((off - mean) / sigma) ** 2
+    return None if np.sqrt(left.sum() / (3.0 * (len(points) - 1))) > limit else mean
+
+
 def gnss_gap(before: Adjustment, after: Adjustment) -> dict[str, float] | None:
     """3D RMS of the antenna residuals, m; None without GNSS."""
     if not len(before.system.gnss.names):

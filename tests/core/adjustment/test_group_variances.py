@@ -5,6 +5,8 @@ import pytest
 from strips import corridor_block
 
 import corridor
+from benchmarks.diagnosis.generator.cases import Case
+from benchmarks.diagnosis.generator.generate import generate
 from corridor.core.adjustment.group_variances import _Contrasts, _likeliest
 from corridor.core.gnss import SlowNoise
 
@@ -101,7 +103,7 @@ class TestOneBlockOfFalsePositions:
         assert found.variance_components.query("kind == 'gnss'")["sigma0"].max() > 3
 
     def test_other_weights_are_refused(self):
-        with pytest.raises(corridor.InputError, match="use estimated or stated"):
+        with pytest.raises(corridor.InputError, match="use estimated, marks, stated"):
             corridor.adjust(flown(), weights="mine")
 
 
@@ -237,3 +239,16 @@ class TestErrorsThatLast:
         assert 1.8 < ratio < 9.0 and 30.0 <= constant <= 120.0 and white == pytest.approx(1, 0.15)
         still = [one._replace(u=draw.normal(0, 1.0, 100)) for one in parts]
         assert _likeliest(still) is None
+
+
+def test_false_positions_that_draw_all_others_after_them_are_found_too():
+    """One strip, no control: the roll follows whatever is off, and the best fit is wrong."""
+    case = Case({}, images=24, strips=1, observations=120, control=0, check=4)
+    block = generate(case, 68).block.copy()
+    right = corridor.adjust(block).check_rms.d3
+    false = block.gnss.index[8:14]
+    block.gnss.loc[false, ["x", "y", "z"]] += [0.4, 0.2, -0.5]
+    found = corridor.adjust(block)
+    told = [note for note in found.notes if "disagree with all others by one vector" in note]
+    assert len(told) == 1 and told[0].startswith("6 GNSS positions")
+    assert found.check_rms.d3 < 2.0 * right

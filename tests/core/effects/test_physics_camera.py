@@ -200,6 +200,6 @@ class TestSteps:
 
     def test_the_moment_may_be_named(self):
         effect = type(find("camera_step"))(at=(9.5,))
-        assert [p.name for p in effect.parameters(self.BLOCK)] == ["f_1", "cx_1", "cy_1"]
-        shift, _ = effect.shift(context(self.BLOCK), np.tile([0.0, 0.0, 1.0], (16, 1)))
+        assert [p.name for p in effect.parameters(self.BLOCK)] == ["f_1", "cx_1", "cy_1", "k1_1"]
+        shift, _ = effect.shift(context(self.BLOCK), np.tile([0.0, 0.0, 1.0, 0.0], (16, 1)))
         assert shift[:, INTERIOR.index("cy")].tolist() == [0.0] * 10 + [1.0] * 6

@@ -9,7 +9,8 @@ from corridor.core.effects.context import Images
 from corridor.core.effects.contract import Parameter, of_interior
 from corridor.core.effects.moments import AtMoments
 
-_MOVED = ("f", "cx", "cy")
+# What another camera has otherwise: of its parameters the unit and a usual size.
+_MOVED = {"f": ("px", 2.0), "cx": ("px", 2.0), "cy": ("px", 2.0), "k1": ("1", 1e-3)}
 _PAUSE = 2.0  # times the usual interval between exposures
 
 
@@ -18,7 +19,7 @@ class CameraStep(AtMoments):
     of any effect of moments."""
 
     slug = "camera_step"
-    title = "Focal length and principal point that change at a moment and stay changed"
+    title = "Focal length, principal point and distortion that change at a moment and stay changed"
     called = "a sudden and lasting change of the camera"
     place = "camera"
     needs = ("images.time_s",)
@@ -36,9 +37,11 @@ class CameraStep(AtMoments):
     def parameters(self, block):
         count = len(self.moments(Images.of(block)))
         return [
-            Parameter(f"{name}_{k + 1}", "px", scale=2.0) for name in _MOVED for k in range(count)
+            Parameter(f"{name}_{k + 1}", unit, scale=scale)
+            for name, (unit, scale) in _MOVED.items()
+            for k in range(count)
         ]
 
     def derivative(self, context):
-        """f, cx, cy move by the sum of all steps before the image was taken."""
+        """f, cx, cy, k1 move by the sum of all steps before the image was taken."""
         return of_interior(context, **dict.fromkeys(_MOVED, self.happened(context)))

@@ -1,0 +1,159 @@
+"""Marks and ground control that are not as good as stated, as their residuals have it.
+
+The rays of a mark's point test each other, whatever is given of that point. Of control a few wrong
+points are blunders, and named; where a search for them ends in more than a third of all that are
+tested, nobody is right, and it is the standard deviation that is wrong, or the model.
+
+Source: Förstner 1979 (v'Pv / r, each group with its own redundancy), by the median of the squares
+in the place of their mean (Rousseeuw and Leroy 1987), which a blunder does not move.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pandas as pd
+from scipy.special import bdtrc, chdtrc, chdtri
+
+from corridor.core.adjustment.blunders import where_seen
+from corridor.core.adjustment.group_variances import (
+    CONTRADICTING_FACTOR,
+    RARE_CHANCE,
+    from_where_it_ended,
+    general,
+)
+from corridor.core.adjustment.result import Adjustment
+from corridor.core.block import Block, places
+from corridor.core.camera import projection_derivatives
+from corridor.core.errors import AdjustmentFailed, InputError
+
+Again = Callable[..., Adjustment]
+_LEAST = 6
+# Residuals of control, in sigmas, from which on covariances are worth their time.
+_LOOK = 2.5
+# What all others show to less than this share of its size says nothing, nor does one of so little
+# redundancy.
+_SEEN, _TOLD = 0.05, 0.5
+
+
+def with_marks_as_they_are(result: Adjustment, again: Again) -> Adjustment:
+    """Adjusted with the standard deviation that marks have, and a note on it; the result itself
+    where what is stated holds."""
+    factor = _of_marks(result)
+    if factor == 1.0:
+        return result
+    start = _with_marks(result.start, factor)
+    try:
+        found = from_where_it_ended(result, start, result.problem.model, again)
+    except (InputError, AdjustmentFailed):
+        return result
+    if not found.converged:
+        return result
+    found.add_note(_told_marks(result.start, factor))
+    return found
+
+
+def ground_doubts(result: Adjustment) -> list[str]:
+    """Sentences on marks, or else on ground control, whose residuals contradict what is stated."""
+    # Marks first: what strains them shows in the residuals of control.
+    factor = _of_marks(result)
+    if factor > 1.0:
+        return [_told_marks(result.start, factor)]
+    factor = _of_control(result)
+    return [_told_control(result.start, factor)] if factor > 1.0 else []
+
+
+def _of_marks(result: Adjustment) -> float:
+    """By what the standard deviations of marks are too small, where their rays meet.
+
+    The coordinates that are given of their points have no part in it, nor what strains them: of
+    the residuals is left what no other place of the point takes up.
+    """
+    table, p = result.residuals["mark"], result.problem
+    if not result.converged or not len(table):
+        return 1.0
+    at = where_seen(result.start, result.pose)
+    number = places(table["point"].astype(str), result.start.ground["point"].astype(str))
+    known = (number >= 0) & np.isfinite(at).all(axis=1)[number]
+    number, sigma = number[known], table[["sigma"]].to_numpy()[known]
+    image = places(table["image"].astype(str)[known], pd.Series(p.images.names).astype(str))
+    slope = projection_derivatives(
+        at[number], result.state.centre[image], result.state.rotation[image],
+        result.state.interior, p.images.camera[image],
+    ).by_point  # fmt: skip
+    left = table[["vx", "vy"]].to_numpy()[known] / sigma / general(result)
+    square, redundancy = [], []
+    for one in np.unique(number):
+        mine = number == one
+        design = (slope[mine] / sigma[mine, :, None]).reshape(-1, 3)
+        v = left[mine].ravel()
+        v = v - design @ np.linalg.lstsq(design, v, rcond=None)[0]
+        square.append(v @ v)
+        redundancy.append(len(v) - 3.0)
+    return _factor(np.array(square), np.array(redundancy))
+
+
+def _of_control(result: Adjustment) -> float:
+    """By what the standard deviations of control are too small."""
+    table = result.residuals["control"]
+    v = table[["vx", "vy", "vz"]].to_numpy() / table[["sx", "sy", "sz"]].to_numpy()
+    if not result.converged or len(table) < 2 or not (np.abs(v) > _LOOK).sum() > len(table):
+        return 1.0
+    square, share = result.reliability.independent("control")
+    shown = share > _SEEN
+    if len(result.reliability.wrong_control) < shown.sum() // 3:
+        return 1.0
+    # What all observations are too large by is sigma naught's matter.
+    w = (square / np.maximum(share, _SEEN))[shown] / general(result) ** 2
+    return _factor(w, np.ones(len(w)))
+
+
+def _factor(square: np.ndarray, redundancy: np.ndarray) -> float:
+    """By what standard deviations are too small (1: as stated) by squares (n,) with a redundancy
+    each, of which the greater half is right."""
+    told = redundancy > _TOLD
+    if told.sum() < _LEAST:
+        return 1.0
+    usual = chdtri(redundancy[told], 0.5)
+    ratio = square[told] / usual
+    # So many beyond the limit by chance, were what is stated right.
+    beyond = int((ratio > CONTRADICTING_FACTOR**2).sum())
+    one = chdtrc(redundancy[told], CONTRADICTING_FACTOR**2 * usual).max()
+    factor = float(np.sqrt(np.median(ratio)))
+    return (
+        factor
+        if factor > CONTRADICTING_FACTOR and bdtrc(beyond - 1, len(ratio), one) < RARE_CHANCE
+        else 1.0
+    )
+
+
+def _with_marks(block: Block, factor: float) -> Block:
+    block = block.copy()
+    both = block.in_pictures("marks")
+    if both is not None:
+        block.put("marks", ("sx", "sy"), both[0] * factor)
+    else:
+        block.put("marks", ("sigma",), block.mark_sigma()[:, None] * factor)
+    return block
+
+
+def _told_marks(block: Block, factor: float) -> str:
+    stated = float(np.median(block.mark_sigma()))
+    return (
+        "Marks: the rays of the same points contradict each other by more than the stated standard "
+        f"deviation; they are good to {factor * stated:.2g} px where {stated:.2g} px is stated. "
+        "Were they measured in the pictures themselves, and in all of them the same thing? mark_px "
+        "in block.toml states it."
+    )
+
+
+def _told_control(block: Block, factor: float) -> str:
+    plan, _, height = np.median(block.ground_sigma(), axis=0)
+    return (
+        "Ground control: residuals contradict the stated standard deviations, and of too many "
+        f"points to call single ones wrong; it is good to {factor * plan:.2g} m in plan and "
+        f"{factor * height:.2g} m in height where {plan:.2g} and {height:.2g} m are stated. Either "
+        "these are too small (control_m in block.toml, or sx, sy, sz of ground.csv), or the model "
+        "lacks something: `corridor diagnose` finds out what."
+    )

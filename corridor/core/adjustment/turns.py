@@ -1,0 +1,68 @@
+"""Images that lie turned against their start poses: is it the picture that is turned, or the pose?
+
+Either alone explains what start values show. The camera's principal point, the lever arm and its
+distortion are turned with a picture, and not with a start pose: both are adjusted and compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from corridor.core.adjustment.result import Adjustment
+from corridor.core.block import Block
+from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.preparation import (
+    quarters_of,
+    turned_back,
+    turned_by,
+    turned_images,
+    without_turned_starts,
+)
+
+Again = Callable[[Block], Adjustment]
+# Ratio of likelihoods from which on one of two is taken (Jeffreys 1961: decisive), as logarithm.
+_DECISIVE = np.log(100.0)
+
+
+def with_turns_as_seen(block: Block, again: Again) -> tuple[Block, list[str]]:
+    """The block with turned images as the measurements say they are, and sentences on them.
+
+    Turned back where that fits clearly better, else without their start poses, as where neither
+    does: then the orientation is found anew from tie points.
+    """
+    angle = turned_by(block)
+    turned = angle != 0.0
+    if not turned.any():
+        return block, []
+    posed = without_turned_starts(block, turned)
+    back = turned_back(block, quarters_of(angle))
+    better = _log_odds(*(_fit(one, again) for one in (back, posed)))
+    told = list(turned_images(block))
+    if better > _DECISIVE:
+        return back, [
+            *told,
+            "All else fits better with the measurements turned back, which is done here: measure "
+            "in the pictures as the camera wrote them.",
+        ]
+    end = "Their orientation is found anew from the tie points"
+    if better < -_DECISIVE:
+        return posed, [*told, f"{end}: all else fits better so, and the start poses are wrong."]
+    return posed, [*told, f"{end}; whether the pictures are turned the measurements do not tell."]
+
+
+def _fit(block: Block, again: Again) -> Adjustment | None:
+    """The block adjusted; None where that leads nowhere."""
+    try:
+        found = again(block)
+    except (InputError, AdjustmentFailed):
+        return None
+    return found if found.converged else None
+
+
+def _log_odds(one: Adjustment | None, other: Adjustment | None) -> float:
+    """Logarithm of the ratio of likelihoods of two fits of the same measurements."""
+    if one is None or other is None:
+        return float(np.inf if other is None and one is not None else -np.inf if one else 0.0)
+    return (other.cost - one.cost) / min(one.sigma0, other.sigma0) ** 2
