@@ -28,6 +28,10 @@ class FetchFailed(WorkFailed):
     """A file cannot be had from its source, or is not the one that is known."""
 
 
+class SlowerWarning(RuntimeWarning):
+    """The results are the same but take longer: one sentence says why and what to install."""
+
+
 def did_you_mean(word: str, known: Iterable[str]) -> str:
     """The nearest of the known words as a question, with a blank before it; else nothing."""
     plain = word.strip().lower().replace("-", "_").replace(" ", "_")

@@ -17,6 +17,7 @@ from corridor.core.adjustment import (
 )
 from corridor.core.block import Block, read, with_equal_axes, without_distances
 from corridor.core.engine.threads import one_thread
+from corridor.core.errors import AdjustmentFailed
 from corridor.core.options import options
 from corridor.core.output import plain
 from corridor.core.preparation import derived, plausibility_warnings, prepare
@@ -121,7 +122,13 @@ def _diagnose(
     doubtful = [*turned, *plausibility_warnings(block)]
     notes = [*left_out, *notes]
     believed = ReferenceModel.of(block, model, run)
-    course = course_of(believed, asked, run.say)
+    try:
+        course = course_of(believed, asked, run.say)
+    except AdjustmentFailed as error:
+        if not doubtful or str(error).startswith(doubtful[0]):
+            raise
+        # What looks wrong at first sight is the likelier cause.
+        raise AdjustmentFailed(f"{doubtful[0]} So: {error}") from None
     block, notes = believed.block, [*believed.left_out, *notes]
     run.say("measuring the gap")
     held = Verification(believed, course, findings(course), asked.seed)

@@ -41,7 +41,7 @@ from corridor.core.adjustment.variance_components import (
 )
 from corridor.core.block import Block, read, with_rigid_poses
 from corridor.core.effects import Effect, check_needs
-from corridor.core.engine.rays import SQUARES
+from corridor.core.engine.scene import SQUARES
 from corridor.core.errors import AdjustmentFailed, InputError, some
 from corridor.core.options import options
 from corridor.core.output import Progress, counted, telling
@@ -341,7 +341,7 @@ def _undetermined(system: LinearSystem) -> tuple[str, InputError] | None:
     if free_network(system) is not None:
         return None
     try:
-        _ = system.factorised
+        _ = system.factor
     except Singular as singular:
         if singular.shared is None and singular.image is not None and (singular.own or 0) < 6:
             few = np.count_nonzero(p.img == singular.image) < _FOR_A_PAIR

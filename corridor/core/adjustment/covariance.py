@@ -15,14 +15,13 @@ import numpy as np
 
 from corridor.core.adjustment.datum import centred
 from corridor.core.adjustment.linear_system import LinearSystem
-from corridor.core.adjustment.matrix import Band, Sparse
-from corridor.core.engine.band_inverse import invert_within
-from corridor.core.engine.kernels import Storage
-from corridor.core.engine.point_covariance import Asked, Inverse, point_covariance
+from corridor.core.adjustment.normal import Normal
+from corridor.core.engine.scene import Asked, Inverse, Storage
 from corridor.core.engine.threads import one_thread
 
 # Points that are asked one by one, of a large network one in so many: each takes as long.
 FEW, SHARE = 64, 50
+_NOTHING = Storage(np.zeros(0), 0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
 
 
 class Covariance:
@@ -34,21 +33,22 @@ class Covariance:
 
     def __init__(self, system: LinearSystem, null_space: np.ndarray | None = None):
         self.system, self.state = system, system.state
-        self.normal, self._system = system.factorised
+        p = system.problem
+        self._n, self._q = p.image_count * p.d, p.shared_count
+        self._shared_inverse = system.factor.shared_inverse()
         self._open = null_space
         if null_space is not None:
-            n = len(null_space) - self._system.q
+            n, q = self._n, self._q
             self._poses, self._shared = null_space[:n], null_space[n:]
             self._weights = centred(system, self._poses)
-            nothing = np.zeros((self._system.q, null_space.shape[1]))
+            nothing = np.zeros((q, null_space.shape[1]))
             self._part = system.solve(np.concatenate([self._weights.T, nothing]))
             self._inner = self._weights @ self._part[:n]
 
     def __repr__(self) -> str:
         free = "" if self._open is None else " of a free network"
         return (
-            f"Covariance{free}: {self.system.problem.image_count} images, "
-            f"{self._system.q} shared unknowns"
+            f"Covariance{free}: {self.system.problem.image_count} images, {self._q} shared unknowns"
         )
 
     def _datum(self, rows: np.ndarray, columns: np.ndarray) -> np.ndarray | float:
@@ -63,23 +63,19 @@ class Covariance:
     @cached_property
     def shared(self) -> np.ndarray:
         """Of the unknowns that images share (q, q): cameras, effects, lever arms."""
-        n, q = self._system.blocks.n, self._system.q
-        at = n + np.arange(q)
-        return self._system.shared_inverse() + self._datum(at, at)
+        at = self._n + np.arange(self._q)
+        return self._shared_inverse + self._datum(at, at)
 
     @cached_property
     def _across(self) -> np.ndarray:
         """B^-1 E (n, q)."""
-        _, system = self.system.factorised  # which another covariance may have used up
-        if isinstance(system.blocks, Band):
-            return system.blocks.other_half(system.z)
-        return system.x
+        return self.system.factor.across()
 
     @cached_property
     def poses_shared(self) -> np.ndarray:
         """Between poses and shared unknowns (n, q)."""
-        n, q = self._system.blocks.n, self._system.q
-        cross = -self._across @ self._system.shared_inverse()
+        n, q = self._n, self._q
+        cross = -self._across @ self._shared_inverse
         return cross + self._datum(np.arange(n), n + np.arange(q))
 
     def solve(self, sums: np.ndarray) -> np.ndarray:
@@ -104,57 +100,29 @@ class Covariance:
         return columns[rows] + self._datum(rows, rows)
 
     @cached_property
-    def _near(self) -> np.ndarray:
+    def _near(self) -> Storage:
         """Entries between images that share a point, in the storage of the equations."""
         with one_thread():
-            if isinstance(self._system.blocks, Sparse):
-                return self._near_sparse(self._system.blocks)
+            left, right = self._low_rank()
             # In place of the factor, which is as large: who asks for that has it made anew.
-            self.shared, self.poses_shared  # noqa: B018, while it is there
-            _, system = self.system.factorised
-            self.system.let_go_factor()
-            blocks = system.blocks
-            flat, blocks.flat = blocks.flat, np.zeros(0)
-            invert_within(flat, blocks.n, blocks.ld, *self._low_rank())
-            return flat
+            return self.system.take_factor().inverse(left, right)
 
     def _low_rank(self) -> tuple[np.ndarray, np.ndarray]:
         """Border and datum as a sum of products: entry (i, j) gets left[i] . right[j]."""
         x = self._across
-        left, right = [x @ self._system.shared_inverse()], [x]
+        left, right = [x @ self._shared_inverse], [x]
         if self._open is not None:
             g, a = self._poses, self._part[: len(self._poses)]
             left += [g @ self._inner - a, -g]
             right += [g, a]
         return np.concatenate(left, axis=1), np.concatenate(right, axis=1)
 
-    def _near_sparse(self, blocks: Sparse) -> np.ndarray:
-        d, out = blocks.d, np.empty_like(blocks.flat)
-        left, right = self._low_rank()
-        for i in range(blocks.images):
-            span = slice(i * d, (i + 1) * d)
-            unit = np.zeros((blocks.n, d))
-            unit[span] = np.eye(d)
-            column = blocks.solve(unit) + left @ right[span].T
-            start, stop = blocks.neighbour_start[i : i + 2]
-            rows = blocks.neighbour[start:stop, None] * d + np.arange(d)
-            out[start * d * d : stop * d * d] = column[rows].transpose(0, 2, 1).ravel()
-        return out
-
     @cached_property
     def each_pose(self) -> np.ndarray:
         """Of every image (m, d, d)."""
-        p, blocks = self.system.problem, self._system.blocks
-        d = p.d
-        out, near = np.empty((p.image_count, d, d)), self._near
-        for c in range(d):
-            for r in range(c, d):
-                if isinstance(blocks, Band):
-                    entry = near[c * blocks.ld + r - c :: d * blocks.ld][: p.image_count]
-                else:
-                    entry = near[blocks.neighbour_start[:-1] * d * d + c * d + r]
-                out[:, r, c] = out[:, c, r] = entry
-        return out
+        d = self.system.problem.d
+        own = np.arange(self._n).reshape(-1, d)
+        return self._near.symmetric(own[:, :, None], own[:, None], d)
 
     @cached_property
     def of_marked(self) -> dict[int, np.ndarray]:
@@ -168,41 +136,24 @@ class Covariance:
     def of_images(self, images: np.ndarray) -> np.ndarray:
         """Of the unknowns (k d, k d) of images (k,) in rising order, of which any two share a
         point."""
-        d, blocks, near = self.system.problem.d, self._system.blocks, self._near
-        k, inner = len(images), np.arange(d)
-        out = np.empty((k, d, k, d))
-        for a, i in enumerate(images):
-            for b in range(a, k):
-                j = images[b]
-                if isinstance(blocks, Band):
-                    column = i * d + inner
-                    row = j * d + inner[:, None]
-                    low, high = np.minimum(row, column), np.maximum(row, column)
-                    block = near[low * blocks.ld + high - low]
-                else:
-                    start, stop = blocks.neighbour_start[i : i + 2]
-                    at = start + np.searchsorted(blocks.neighbour[start:stop], j)
-                    block = near[at * d * d : (at + 1) * d * d].reshape(d, d).T
-                    if i == j:
-                        block = np.tril(block) + np.tril(block, -1).T
-                out[b, :, a], out[a, :, b] = block, block.T
-        return out.reshape(k * d, k * d)
+        d = self.system.problem.d
+        own = (np.asarray(images)[:, None] * d + np.arange(d)).ravel()
+        return self._near.symmetric(own[:, None], own, d)
 
     def _of_points(self, asked: Asked, some: Iterable[int] | None = None) -> None:
         """Fill what is asked for, of some points alone; see `point_covariance`."""
-        p, normal, blocks = self.system.problem, self.normal, self._system.blocks
+        system = self.system
+        normal = Normal(system.problem, system.loss, system.threads, system.storage)
         view = normal.view(self.state)
         modelled = normal.modelled_at(self.state)
         # Without `out` no entry of the images is looked at.
-        flat = self._near if len(asked.out) else np.zeros(0)
-        storage = Storage(flat, blocks.stride, blocks.neighbour_start, blocks.neighbour)
-        q = self._system.q
-        known = Inverse(storage, self.poses_shared.ravel(), self.shared.ravel(), q)
+        near = self._near if len(asked.out) else _NOTHING
+        known = Inverse(near, self.poses_shared.ravel(), self.shared.ravel(), self._q)
 
         def work(piece: int, start: int, stop: int) -> None:
             for first, last in normal.chunks(start, stop):
                 scene = normal.scene(view, modelled, first, last)
-                point_covariance(first, last, scene, p.d, known, normal.longest, asked)
+                normal.engine.point_covariance(first, last, scene, known, asked)
 
         if some is None:
             normal.pieces.run(work)
@@ -244,7 +195,7 @@ class Covariance:
     @property
     def points_shared(self) -> np.ndarray:
         """Between every point and the shared unknowns (n, 3, q)."""
-        return self.between(slice(None), range(self._system.q))
+        return self.between(slice(None), range(self._q))
 
     def between(self, points: np.ndarray | slice, columns: Iterable[int]) -> np.ndarray:
         """Between some points and some of the shared unknowns (points, 3, columns)."""

@@ -35,6 +35,7 @@ from corridor.core.adjustment.unknowns import State, Unknown
 from corridor.core.block import Block, along_axes, turned
 from corridor.core.brief import brief
 from corridor.core.effects import Context, Effect, Images, Parameter, Stack, Values
+from corridor.core.engine.memory import InPlace
 from corridor.core.engine.threads import one_thread
 from corridor.core.geometry import helmert_motions, rotation_from_vector
 
@@ -195,9 +196,9 @@ class LinearSystem:
         """The system whose equations, or their factor, `normal` holds, here and undamped."""
         system = cls(normal.problem, state, normal.loss, threads=threads)
         if factor is None:
-            system.__dict__["_normal"] = normal
+            system._memory.put("equations", normal)
         else:
-            system.__dict__["factorised"] = normal, factor
+            system._memory.put("factor", factor)
         return system
 
     # --- other systems -----------------------------------------------------------------------
@@ -515,7 +516,15 @@ class LinearSystem:
     # --- the equations -----------------------------------------------------------------------
 
     @cached_property
+    def _memory(self) -> InPlace:
+        """The equations, and in their place their factor: hundreds of megabytes."""
+        return InPlace(equations=lambda _: self._assembled(), factor=self._factorised)
+
+    @property
     def _normal(self) -> Normal:
+        return self._memory.get("equations")
+
+    def _assembled(self) -> Normal:
         p = self.problem
         if not self.gnss_counts:
             p = replace(p, **vars(NO_GNSS))
@@ -597,8 +606,8 @@ class LinearSystem:
         The right side and the diagonal before the points were eliminated stay.
         """
         self.right, self.reference  # noqa: B018, small, and gone with the matrix
-        for name in ("matrix", "_normal"):
-            self.__dict__.pop(name, None)
+        self.__dict__.pop("matrix", None)
+        self._memory.forget("equations")
 
     @property
     def _cross(self) -> np.ndarray:
@@ -648,26 +657,26 @@ class LinearSystem:
 
     # --- solutions ---------------------------------------------------------------------------
 
-    @cached_property
-    def factorised(self) -> tuple[Normal, Bordered]:
-        """The kernels with their storage, and N factorised in it. Raises Singular."""
-        # The factor lies where the matrix was: who asks for that later has it assembled anew.
-        normal = self._normal
+    def _factorised(self, normal: Normal) -> Bordered:
+        self._memory.put("equations", normal)
         self.right, self.reference  # noqa: B018, small, and gone with the matrix
-        del self.__dict__["_normal"]
         with one_thread():
-            return normal, normal.factor()
+            return normal.factor()
 
-    def let_go_factor(self) -> None:
-        """Forget the factor, whose storage somebody needs; it is made anew if asked for."""
-        self.__dict__.pop("factorised", None)
+    @property
+    def factor(self) -> Bordered:
+        """N factorised. Raises Singular."""
+        return self._memory.get("factor")
+
+    def take_factor(self) -> Bordered:
+        """The factor, for whoever makes something in its place."""
+        return self._memory.take("factor")
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """N^-1 right for right (n, k). Raises Singular."""
         n = self.problem.image_count * self.problem.d
-        _, factor = self.factorised
         with one_thread():
-            return np.concatenate(factor.solve(right[:n], right[n:]))
+            return np.concatenate(self.factor.solve(right[:n], right[n:]))
 
     def minimised(self, max_iterations: int, tolerance: float, near: bool) -> LinearSystem:
         """The system at the state of least cost; arguments as of `solve`."""
@@ -682,7 +691,7 @@ class LinearSystem:
         Exact where the measurements miss the state by what is linear. Raises Singular.
         """
         change = self.solve(self.right[:, None])[:, 0]
-        return self._stepped(self.factorised[0], change)
+        return self._stepped(self._substitution, change)
 
     def following(self, change: np.ndarray) -> State:
         """The state after a change (n,) of the columns, each point where it then fits best."""

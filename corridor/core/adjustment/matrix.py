@@ -9,12 +9,15 @@ B belongs to the images (d unknowns each), D to what they share. B is a band alo
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.sparse import bsr_array, csc_array
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
-from corridor.core.engine import triangular
+from corridor.core.engine.interface import Engine, Factor
+from corridor.core.engine.scene import Storage
 
 # A pivot this small against the unknown's own diagonal is rounding: nothing determines it.
 SINGULAR = 1e-13
@@ -31,12 +34,28 @@ class Singular(ArithmeticError):
         super().__init__(f"image {image}, unknown {own}" if shared is None else f"shared {shared}")
 
 
-class Band:
+class Blocks:
+    """B, entries of images that share a point: storage, and what it holds: the factor, or None
+    for the equations; what is made in one place is gone from there."""
+
+    flat: np.ndarray
+    stride: int
+    neighbour_start: np.ndarray
+    neighbour: np.ndarray
+    holds: Factor | SuperLU | None = None
+
+    @property
+    def storage(self) -> Storage:
+        """As engines take it."""
+        return Storage(self.flat, self.stride, self.neighbour_start, self.neighbour)
+
+
+class Band(Blocks):
     """B as a band: storage, Cholesky factor, solutions."""
 
-    def __init__(self, images: int, d: int, width: int, rows: int):
+    def __init__(self, images: int, d: int, width: int, rows: int, engine: Engine):
         """rows: of images, and behind them what pieces keep apart (see `Pieces`)."""
-        self.images, self.d = images, d
+        self.images, self.d, self.engine = images, d, engine
         self.n = images * d
         self.ld = min(width * d, self.n)
         self.stride = self.ld - 1
@@ -119,28 +138,27 @@ class Band:
         out.eliminate_zeros()
         return out
 
-    def factor(self, reference: np.ndarray) -> None:
+    def factor(self, reference: np.ndarray) -> Factor:
         """Cholesky in place. reference (images, d): diagonal before the points were eliminated.
 
         Raises Singular.
         """
-        column = triangular.factor(self.flat, self.ld, self.n)
-        if column is not None:
-            raise Singular(*divmod(column, self.d))
+        self.holds = self.engine.factor(self.flat, self.ld, self.n)
+        if self.holds.weak is not None:
+            raise Singular(*divmod(self.holds.weak, self.d))
         weak = self.diagonal() ** 2 < SINGULAR * reference
         if weak.any():
             raise Singular(*(int(v) for v in np.argwhere(weak)[0]))
+        return self.holds
 
-    def half(self, right: np.ndarray) -> np.ndarray:
-        """L^-1 right for right (n, k): half a solution; products need no more."""
-        return triangular.forward(self.flat, self.ld, self.n, right)
-
-    def other_half(self, right: np.ndarray) -> np.ndarray:
-        """L'^-1 right for right (n, k)."""
-        return triangular.backward(self.flat, self.ld, self.n, right)
+    def inverse(self, left: np.ndarray, right: np.ndarray) -> Storage:
+        """B^-1 + left right' where the equations have entries, in place of the factor."""
+        flat, self.flat, self.holds = self.flat, np.zeros(0), None
+        self.engine.inverse(flat, self.ld, self.n, left, right)
+        return self.storage._replace(flat=flat)
 
 
-class Sparse:
+class Sparse(Blocks):
     """B as sparse blocks, factorised by SuperLU. For blocks that are not corridors."""
 
     def __init__(self, images: int, d: int, ptr: np.ndarray, img: np.ndarray):
@@ -210,9 +228,10 @@ class Sparse:
     def multiply(self, x: np.ndarray) -> np.ndarray:
         return self.symmetric() @ x
 
-    def factor(self, reference: np.ndarray) -> None:
+    def factor(self, reference: np.ndarray) -> SuperLU:
+        """As of `Band`."""
         try:
-            self._lu = splu(
+            self.holds = splu(
                 self.symmetric(),
                 permc_spec="MMD_AT_PLUS_A",
                 diag_pivot_thresh=0.0,
@@ -220,16 +239,26 @@ class Sparse:
             )
         except RuntimeError:
             raise Singular(0, 0) from None
-        pivots = self._lu.U.diagonal()
+        pivots = self.holds.U.diagonal()
         original = np.empty(self.n)
-        original[self._lu.perm_c] = np.arange(self.n)
+        original[self.holds.perm_c] = np.arange(self.n)
         original = original.astype(int)
         weak = pivots < SINGULAR * reference.ravel()[original]
         if weak.any():
             raise Singular(*divmod(int(original[np.flatnonzero(weak)[0]]), self.d))
+        return self.holds
 
-    def solve(self, right: np.ndarray) -> np.ndarray:
-        return self._lu.solve(np.asfortranarray(right))
+    def inverse(self, left: np.ndarray, right: np.ndarray) -> Storage:
+        """As of `Band`, with room of its own."""
+        d, out = self.d, np.empty_like(self.flat)
+        for i in range(self.images):
+            unit = np.zeros((self.n, d), order="F")
+            unit[i * d : (i + 1) * d] = np.eye(d)
+            column = self.holds.solve(unit) + left @ right[i * d : (i + 1) * d].T
+            start, stop = self.neighbour_start[i : i + 2]
+            rows = self.neighbour[start:stop, None] * d + np.arange(d)
+            out[start * d * d : stop * d * d] = column[rows].transpose(0, 2, 1).ravel()
+        return self.storage._replace(flat=out)
 
 
 def neighbours(images: int, ptr: np.ndarray, img: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -245,35 +274,55 @@ def neighbours(images: int, ptr: np.ndarray, img: np.ndarray) -> tuple[np.ndarra
 
 
 class Bordered:
-    """Solutions of the whole bordered system after `factor`."""
+    """Solutions of the whole bordered system after `factor`, for as long as its storage holds it:
+    what is asked of it later fails, and finds no wrong numbers."""
 
     def __init__(self, blocks: Band | Sparse, cross, block, shared_reference, reference):
         """cross (n, q), block (q, q) of the shared unknowns, lower half.
 
         The references are diagonals before elimination. Raises Singular.
         """
-        self.blocks = blocks
-        blocks.factor(reference)
-        q = block.shape[0]
-        self.q = q
-        if isinstance(blocks, Band):
-            self.z = blocks.half(cross) if q else np.zeros((blocks.n, 0))
-            schur = np.tril(block) - np.tril(self.z.T @ self.z)
-        else:
-            self.x = blocks.solve(cross) if q else np.zeros((blocks.n, 0))
-            self.cross = cross
-            schur = np.tril(block) - np.tril(cross.T @ self.x)
+        self.blocks, self.q = blocks, block.shape[0]
+        self._made = blocks.factor(reference)
+        # E, and L^-1 E of a band, else B^-1 E.
+        self._cross, self._solved = cross, np.zeros((blocks.n, 0))
+        if self.q:
+            self._solved = self._half(cross)
+        left = self._solved if isinstance(blocks, Band) else cross
+        schur = np.tril(block) - np.tril(left.T @ self._solved)
         self.shared_factor = _cholesky(schur, shared_reference)
+
+    @property
+    def _factor(self) -> Any:
+        if self.blocks.holds is not self._made:
+            raise RuntimeError(
+                "the factor is gone: other equations, or the inverse, took its place"
+            )
+        return self._made
+
+    def _half(self, right: np.ndarray) -> np.ndarray:
+        """L^-1 right of a band: products need no more; else B^-1 right."""
+        if isinstance(self.blocks, Band):
+            return self._factor.half(right)
+        return self._factor.solve(np.asfortranarray(right))
+
+    def across(self) -> np.ndarray:
+        """B^-1 E (n, q)."""
+        banded = isinstance(self.blocks, Band)
+        return self._factor.other_half(self._solved) if banded else self._solved
 
     def solve(self, right: np.ndarray, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solution for right (n, k) and shared (q, k)."""
-        if isinstance(self.blocks, Band):
-            half = self.blocks.half(right)
-            ds = self._shared_solution(shared - self.z.T @ half)
-            return self.blocks.other_half(half - self.z @ ds), ds
-        whole = self.blocks.solve(right)
-        ds = self._shared_solution(shared - self.cross.T @ whole)
-        return whole - self.x @ ds, ds
+        half, banded = self._half(right), isinstance(self.blocks, Band)
+        left = self._solved if banded else self._cross
+        ds = self._shared_solution(shared - left.T @ half)
+        half = half - self._solved @ ds
+        return (self._factor.other_half(half) if banded else half), ds
+
+    def inverse(self, left: np.ndarray, right: np.ndarray) -> Storage:
+        """B^-1 + left right' where the equations have entries; of a band in the factor's place."""
+        _ = self._factor
+        return self.blocks.inverse(left, right)
 
     def _shared_solution(self, right: np.ndarray) -> np.ndarray:
         if self.q == 0:

@@ -12,7 +12,7 @@ from corridor.core.adjustment.uncertain_motion import MotionScale
 from corridor.core.block import Block
 from corridor.core.camera import INTERIOR, parameters_named
 from corridor.core.effects import Effect, find
-from corridor.core.engine import rays
+from corridor.core.engine.scene import CAUCHY, HUBER, SQUARES
 from corridor.core.errors import InputError
 
 # Free parameters of a camera that is not calibrated, where nobody says which: two sets, because two
@@ -23,7 +23,7 @@ DEFAULT_CAMERA = "fraser8"
 # A diagnosis tests. Affinity is a candidate only where the camera is held, so beside a free camera
 # it is free as well: what a camera can take must not be told as an effect.
 REFERENCE_CAMERA = "fraser10"
-LOSSES = {"squares": rays.SQUARES, "huber": rays.HUBER, "cauchy": rays.CAUCHY}
+LOSSES = {"squares": SQUARES, "huber": HUBER, "cauchy": CAUCHY}
 # What is not an effect: interior parameters of a camera, the antenna's place in a flight.
 CAMERA, LEVER_ARM, EFFECT = "camera", "lever_arm", "effect"
 # Key of a camera in block.toml: what its photographs state of f, value and standard deviation, px.
@@ -36,7 +36,7 @@ SEES_ARM_M = 0.2
 class Loss(NamedTuple):
     """A loss function on the length of an image residual in sigmas."""
 
-    kind: int = rays.SQUARES
+    kind: int = SQUARES
     width: float = 2.0
 
     @classmethod

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property
 
 import numpy as np
 
@@ -19,8 +19,9 @@ from corridor.core.adjustment.unknowns import is_per_image, per_image_code
 from corridor.core.block import turned
 from corridor.core.camera import INTERIOR, radials_in_use
 from corridor.core.effects import ROW_REACH, Context, Images
-from corridor.core.engine import kernels, rays
-from corridor.core.engine.panels import PANEL
+from corridor.core.engine import scene as arrays
+from corridor.core.engine.interface import engine
+from corridor.core.engine.scene import PANEL
 from corridor.core.geometry import rotation_from_vector
 
 # Observations that effects look at in one go: small enough for the cache.
@@ -30,9 +31,6 @@ _NO_DERIVATIVE = np.zeros((0, 2, 0))
 _NO_SIGHT = np.zeros((0, 2, 9))
 # By how much centre, turn and point are moved for what effects on the image make of it, m and rad.
 _SIGHT_STEP = (1e-3,) * 3 + (1e-5,) * 3 + (1e-3,) * 3
-
-assemble_for = lru_cache(kernels.make_assemble)
-substitute_for = lru_cache(kernels.make_substitute)
 
 
 # From a pixel so near (px) a step of Newton finds what effects on the image look at; from a row so
@@ -75,7 +73,7 @@ class View:
 
     state: State
     images: Images
-    cameras: rays.Cameras
+    cameras: arrays.Cameras
     d_interior: np.ndarray
     d_motion: np.ndarray
     control_residual: np.ndarray
@@ -99,26 +97,23 @@ class Normal:
         p = problem
         if storage == "auto":
             storage = "sparse" if _band_costs_more(p) else "band"
-        self.pieces = Pieces.of(p, threads if storage == "band" else 1)
-        rows = p.image_count + self.pieces.apart
-        self.blocks: Band | Sparse = (
-            Band(p.image_count, p.d, p.bandwidth, rows)
-            if storage == "band"
-            else Sparse(p.image_count, p.d, *_with_pairs(p))
-        )
+        self.longest = int(np.diff(p.ptr).max(initial=1))
+        self.sighted = p.stack.sees_points
+        self.engine = engine()(p.d, self.longest, self.sighted)
+        self.pieces = Pieces.of(p, min(threads, self.engine.threads) if storage == "band" else 1)
+        self.storage = storage
         root = np.sqrt(p.control_weight)[:, :, None] * p.control_turn
         lower = np.tril_indices(3)
         whole = (root.transpose(0, 2, 1) @ root)[:, lower[0], lower[1]]
         self.control_weight = whole, np.ascontiguousarray(root[:, lower[0], lower[1]])
-        self.longest = int(np.diff(p.ptr).max(initial=1))
+        rows = p.image_count + self.pieces.apart
         self.gradient = np.zeros((rows, p.d))
         self.reference = np.zeros((rows, p.d))
         self.cross = np.zeros((rows, p.d, p.wide))
         self.has_image_effects = bool(p.stack.at("image"))
-        self.sighted = p.stack.sees_points
         self.has_motion = bool(p.stack.at("motion"))
         touched = (p.camera_column, p.slot_column, p.ground_column)
-        self.columns = rays.Columns(
+        self.columns = arrays.Columns(
             _sources(p),
             p.images.camera,
             p.slot_column,
@@ -131,6 +126,15 @@ class Normal:
         self.assembled: View | None = None
         self.held = np.zeros((0, 2), dtype=np.int64)
         self.pin_weight = np.zeros(0)
+
+    @cached_property
+    def blocks(self) -> Band | Sparse:
+        """Where equations are assembled; residuals need none."""
+        p = self.problem
+        if self.storage == "sparse":
+            return Sparse(p.image_count, p.d, *_with_pairs(p))
+        rows = p.image_count + self.pieces.apart
+        return Band(p.image_count, p.d, p.bandwidth, rows, self.engine)
 
     # --- what stays the same during one evaluation -----------------------------------------
 
@@ -166,15 +170,15 @@ class Normal:
         row_of[:, 1:] /= ROW_REACH
         pose = [state.centre, state.rotation.reshape(-1, 9), row_of, np.zeros((len(row_of), 1))]
         turns = any(by[..., 3:6].any() for by in (motion, d_motion))
-        cameras = rays.Cameras(
-            np.concatenate(pose, axis=1), _widened(interior, rays.INNER), radials, motion, turns
+        cameras = arrays.Cameras(
+            np.concatenate(pose, axis=1), _widened(interior, arrays.INNER), radials, motion, turns
         )
-        d_interior = _widened(d_interior.transpose(0, 2, 1), rays.INNER)
+        d_interior = _widened(d_interior.transpose(0, 2, 1), arrays.INNER)
         return View(state, images, cameras, d_interior, d_motion, residual, d_ground)
 
     def scene(
         self, view: View, modelled: Modelled, first: int, last: int, anew: bool = True
-    ) -> rays.Scene:
+    ) -> arrays.Scene:
         """What kernels need to know of points first..last.
 
         modelled: moved on by whoever goes over the points. anew: find the slope of image effects,
@@ -193,20 +197,20 @@ class Normal:
 
     def _scene(
         self, view, modelled, first, shift, d_image=_NO_DERIVATIVE, within=NEAR, sight=_NO_SIGHT
-    ) -> rays.Scene:
+    ) -> arrays.Scene:
         p = self.problem
         straight = view.cameras.motion.shape[1] <= 2
         near = NEAR_STRAIGHT if straight else NEAR_ROW
         if within < NEAR:
             near = ROW_AT_REST
-        return rays.Scene(
+        return arrays.Scene(
             view.state.points,
-            rays.Observations(p.ptr, p.img, p.xy, p.weight, p.skewed),
+            arrays.Observations(p.ptr, p.img, p.xy, p.weight, p.skewed),
             view.cameras,
-            rays.Looked(int(p.ptr[first]), shift, modelled.row, modelled.pixel, near),
-            rays.Derivatives(view.d_interior, d_image, view.d_motion, view.d_ground, sight),
+            arrays.Looked(int(p.ptr[first]), shift, modelled.row, modelled.pixel, near),
+            arrays.Derivatives(view.d_interior, d_image, view.d_motion, view.d_ground, sight),
             self.columns,
-            rays.Control(p.control, *self.control_weight, view.control_residual),
+            arrays.Control(p.control, *self.control_weight, view.control_residual),
             self.loss,
         )
 
@@ -295,14 +299,14 @@ class Normal:
                 total = total + np.sign(sign) * shift
             modelled.sight[rows, :, k] = total / (2.0 * h)
 
-    def chunks(self, first: int, last: int) -> Iterator[tuple[int, int]]:
-        """Ranges of points whose effects are evaluated together."""
-        if not self.has_image_effects:
-            yield first, last
-            return
+    def chunks(self, first: int, last: int, size: int | None = None) -> Iterator[tuple[int, int]]:
+        """Ranges of points of so many observations; by default those whose effects are evaluated
+        together."""
+        if size is None:
+            size = CHUNK if self.has_image_effects else self.problem.ptr[-1]
         ptr = self.problem.ptr
         while first < last:
-            upto = int(np.searchsorted(ptr, ptr[first] + CHUNK, side="right")) - 1
+            upto = int(np.searchsorted(ptr, ptr[first] + size, side="right")) - 1
             upto = min(max(upto, first + 1), last)
             yield first, upto
             first = upto
@@ -379,7 +383,6 @@ class Normal:
             totals = np.zeros((len(self.pieces), 2))
 
             def work(piece: int, start: int, stop: int, totals=totals) -> None:
-                room = rays.make_room(kernels.BLOCK + self.longest, 6, 0)
                 for first, last in self.chunks(start, stop):
                     shift = self._shift(view, modelled, first, last)
                     scene = self._scene(view, modelled, first, shift, within=within)
@@ -388,7 +391,7 @@ class Normal:
                             weight=np.ones(1), skewed=np.zeros((0, 3))
                         )
                         scene = scene._replace(observations=unweighted, loss=Loss())
-                    totals[piece] += kernels.look(first, last, scene, out, room)
+                    totals[piece] += self.engine.residuals(first, last, scene, out)
 
             self.pieces.run(work)
             if not _farthest(modelled.pixel[:, :2], before) > within:
@@ -417,18 +420,14 @@ class Normal:
         kept: list[np.ndarray] = [self.gradient]
         if matrix:
             kept += [self.reference, self.cross, self.blocks.rows]
+            self.blocks.holds = None
         block = np.zeros((len(self.pieces), wide * wide))
         shared = np.zeros((len(self.pieces), 2, wide))
         totals = np.zeros((len(self.pieces), 3))
-        kernel = assemble_for(p.d, self.sighted)
-        blocks = self.blocks
-        storage = kernels.Storage(
-            blocks.flat, blocks.stride, blocks.neighbour_start, blocks.neighbour
-        )
 
         def work(piece: int, start: int, stop: int) -> None:
-            equations = kernels.Equations(
-                storage,
+            equations = arrays.Equations(
+                self.blocks.storage,
                 self.gradient.ravel(),
                 self.reference.ravel(),
                 self.cross.ravel(),
@@ -442,7 +441,7 @@ class Normal:
                 self.pieces.clear(piece, array)
             for first, last in self.chunks(start, stop):
                 scene = self.scene(view, self.modelled, first, last)
-                kernel(first, last, scene, damping, equations, totals[piece], self.longest)
+                totals[piece] += self.engine.assemble(first, last, scene, damping, equations)
 
         self.pieces.run(work)
         for array in kept:
@@ -580,19 +579,18 @@ class Normal:
         totals = np.zeros((len(self.pieces), 2))
         padded = np.zeros(p.wide)
         padded[: len(shared)] = shared
-        kernel = substitute_for(p.d, self.sighted)
         whole = self._step(view, step, padded)
 
         def work(piece: int, start: int, stop: int) -> None:
             for first, last in self.chunks(start, stop):
                 scene = self.scene(view, self.modelled, first, last, anew=False)
-                kernel(first, last, scene, damping, whole, moved, totals[piece], self.longest)
+                totals[piece] += self.engine.substitute(first, last, scene, damping, whole, moved)
 
         self.pieces.run(work)
         down, square = totals.sum(axis=0)
         return moved, float(down), float(square)
 
-    def _step(self, view: View, step: np.ndarray, shared: np.ndarray) -> kernels.Step:
+    def _step(self, view: View, step: np.ndarray, shared: np.ndarray) -> arrays.Step:
         """What a step of the images (m, d) and the shared (wide,) does to each image."""
         p = self.problem
         camera = np.where(p.camera_column >= 0, shared[np.maximum(p.camera_column, 0)], 0.0)
@@ -602,10 +600,10 @@ class Normal:
         first = view.d_interior.shape[1]
         last = slots.shape[1] - view.d_motion.shape[1]
         interior = np.einsum("ink,in->ik", view.d_interior, slots[:, :first])
-        return kernels.Step(
+        return arrays.Step(
             np.concatenate([step.ravel(), np.zeros(PANEL)]),
             shared,
-            interior + _widened(camera, rays.INNER),
+            interior + _widened(camera, arrays.INNER),
             np.ascontiguousarray(slots[:, first:last]),
             np.einsum("in...,in->i...", view.d_motion, slots[:, last:]),
         )
@@ -613,7 +611,7 @@ class Normal:
 
 def _sources(p: Problem) -> np.ndarray:
     """`Columns.source`: where the derivative behind each shared unknown of an image stands."""
-    source = np.full((p.image_count, p.wide + 1), rays.INNER - 1)
+    source = np.full((p.image_count, p.wide + 1), arrays.INNER - 1)
     image = np.arange(p.image_count)
     for parameter in range(p.camera_column.shape[1]):
         column = p.camera_column[:, parameter]

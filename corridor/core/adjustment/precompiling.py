@@ -16,9 +16,9 @@ from corridor.core.adjustment.normal import Normal
 from corridor.core.adjustment.problem import make_problem
 from corridor.core.block import Block
 from corridor.core.camera import Camera
-from corridor.core.engine.compiled import is_kept, meanwhile
-from corridor.core.engine.kernels import Storage
-from corridor.core.engine.point_covariance import Asked, Inverse, covariances, point_covariance
+from corridor.core.engine.compiled import meanwhile
+from corridor.core.engine.interface import engine
+from corridor.core.engine.scene import Asked, Inverse
 
 # Three images in a row over nine points.
 _HEIGHT, _BASE, _F = 100.0, 20.0, 1000.0
@@ -30,7 +30,7 @@ def precompiling() -> Iterator[None]:
 
     Where they are compiled already, nothing is started.
     """
-    if is_kept(covariances):
+    if engine().ready():
         yield
         return
     with meanwhile(
@@ -48,13 +48,11 @@ def compile_late() -> None:
     scene = normal.scene(normal.assembled, normal.modelled, 0, count)
     n, q = p.image_count * p.d, p.shared_count
     normal.substitute(state, 0.0, np.zeros((p.image_count, p.d)), np.zeros(q))
-    blocks = normal.blocks
-    near = Storage(blocks.flat, blocks.stride, blocks.neighbour_start, blocks.neighbour)
-    known = Inverse(near, np.zeros(n * q), np.zeros(q * q), q)
+    known = Inverse(normal.blocks.storage, np.zeros(n * q), np.zeros(q * q), q)
     asked = Asked(
         np.full(count, -1), np.zeros(0, dtype=np.int64), np.zeros((count, 6)), np.zeros((0, 3, 0))
     )
-    point_covariance(0, count, scene, p.d, known, normal.longest, asked)
+    normal.engine.point_covariance(0, count, scene, known, asked)
 
 
 def _small_block() -> Block:

@@ -44,7 +44,7 @@ from corridor.core.effects import (
     believed_of,
     stated_lever_arms,
 )
-from corridor.core.engine.panels import PANEL
+from corridor.core.engine.scene import PANEL
 from corridor.core.errors import InputError
 from corridor.core.options import made
 

@@ -13,11 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csc_array
+from scipy.sparse import bsr_array, csc_array, csr_array, hstack
 
 from corridor.core.adjustment.linear_system import LinearSystem
-from corridor.core.adjustment.normal import Normal
-from corridor.core.engine.point_covariance import point_regression as fill_gains
+from corridor.core.adjustment.normal import CHUNK, Normal, View
 
 
 @dataclass(frozen=True)
@@ -37,34 +36,64 @@ def point_regression(system: LinearSystem, points: np.ndarray) -> PointRegressio
     points = np.asarray(points, dtype=np.int64)
     normal = Normal(p, system.loss, storage=system.storage)
     view, modelled = normal.view(system.state), normal.modelled_at(system.state)
-    wanted = np.full(len(p.ptr) - 1, -1)
-    wanted[points] = np.arange(len(points))
-    inverse = np.zeros((len(points), 6))
-    own = np.zeros((len(p.img), p.d, 3))
-    shared = np.zeros((len(points), p.shared_count, 3))
-    for first, last in normal.chunks(0, len(p.ptr) - 1):
+    number = np.full(len(p.ptr) - 1, -1)
+    number[points] = np.arange(len(points))
+    # Of points that are not control, the last.
+    weight = np.concatenate([normal.control_weight[0], np.zeros((1, 6))])
+    inverse = np.zeros((len(points), 3, 3))
+    own = np.zeros((len(p.img), 3, p.d))
+    shared = np.zeros((len(points), 3, p.shared_count))
+    ground = np.concatenate([_of_control(normal, view), np.zeros((1, 3, p.wide))])
+    for first, last in normal.chunks(0, len(p.ptr) - 1, CHUNK):
+        wanted = np.flatnonzero(number[first:last] >= 0)
+        if not len(wanted):
+            continue
         scene = normal.scene(view, modelled, first, last)
-        fill_gains(wanted, first, last, scene, p.d, normal.longest, inverse, own, shared)
-    full = inverse[:, [0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(-1, 3, 3)
-    return PointRegression(points, full, _matrix(system, points, own, shared))
+        control = p.control[first:last]
+        rays = normal.engine.rows(first, last, scene, control, weight[control])
+        root = np.zeros((last - first, 3, 3))
+        root[:, *np.tril_indices(3)] = rays.root
+        whole = root.transpose(0, 2, 1) @ root
+        inverse[number[first + wanted]] = whole[wanted]
+        # V^-1 P' and K', ray by ray: `einsum` takes three times as long over small products.
+        of_ray = np.repeat(np.arange(last - first), np.diff(rays.start))
+        back = whole[of_ray] @ _pairs(rays.point).transpose(0, 2, 1)
+        np.matmul(back, _pairs(rays.own), out=own[p.ptr[first] : p.ptr[last]])
+        if p.shared_count:
+            by = back @ _pairs(rays.shared)
+            add = csr_array((np.ones(len(by)), np.arange(len(by)), rays.start))
+            total = (add @ by.reshape(len(by), -1)).reshape(last - first, 3, -1)
+            total += whole @ ground[control]
+            shared[number[first + wanted]] = total[wanted, :, : p.shared_count]
+    return PointRegression(points, inverse, _matrix(system, points, own, shared))
+
+
+def _of_control(normal: Normal, view: View) -> np.ndarray:
+    """W B (c, 3, wide) of control points: B their rows by what is shared."""
+    p, by = normal.problem, view.d_ground
+    out = np.zeros((len(by), 3, p.wide))
+    for slot in range(by.shape[2]):
+        some = np.flatnonzero(p.ground_column[:, slot] >= 0)
+        out[some, :, p.ground_column[some, slot]] += by[some, :, slot]
+    weight = normal.control_weight[0][:, [0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(-1, 3, 3)
+    return weight @ out
+
+
+def _pairs(rows: np.ndarray) -> np.ndarray:
+    """Rows (2 n, k) ray by ray (n, 2, k)."""
+    return rows.reshape(-1, 2, rows.shape[1])
 
 
 def _matrix(system: LinearSystem, points, own, shared) -> csc_array:
     p = system.problem
-    length = np.diff(p.ptr)[points]
+    length, count = np.diff(p.ptr)[points], len(points)
     rays = np.repeat(p.ptr[points], length) + _count(length)
-    number = np.repeat(np.arange(len(points)), length)
-    axis = np.arange(3)
-    row = p.img[rays][:, None, None] * p.d + np.arange(p.d)[:, None]
-    parts = [(own[rays], row, 3 * number[:, None, None] + axis)]
-    if p.shared_count:
-        row = p.image_count * p.d + np.arange(p.shared_count)[:, None]
-        parts.append((shared, row, 3 * np.arange(len(points))[:, None, None] + axis))
-    value, row, column = (
-        np.concatenate([np.broadcast_to(part[n], part[0].shape).ravel() for part in parts])
-        for n in range(3)
-    )
-    return csc_array((value, (row, column)), shape=(len(system.columns), 3 * len(points)))
+    start = np.concatenate([[0], np.cumsum(length)])
+    blocks = (own[rays], p.img[rays], start)
+    of_images = bsr_array(blocks, shape=(3 * count, p.image_count * p.d), blocksize=(3, p.d))
+    beside = csr_array((3 * count, len(system.columns) - p.image_count * p.d - p.shared_count))
+    parts = [of_images.tocsr(), csr_array(shared.reshape(3 * count, -1)), beside]
+    return csc_array(hstack(parts, format="csr").T)
 
 
 def _count(length: np.ndarray) -> np.ndarray:

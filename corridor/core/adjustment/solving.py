@@ -20,7 +20,7 @@ from corridor.core.adjustment.matrix import Bordered, Singular
 from corridor.core.adjustment.normal import NEAR, Loss, Normal, moved_state
 from corridor.core.adjustment.problem import State
 from corridor.core.brief import brief
-from corridor.core.engine.rays import SQUARES
+from corridor.core.engine.scene import SQUARES
 from corridor.core.engine.threads import one_thread
 from corridor.core.errors import AdjustmentFailed
 

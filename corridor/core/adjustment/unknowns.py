@@ -11,7 +11,7 @@ from corridor.core.adjustment.model import CAMERA, EFFECT, LEVER_ARM, ParameterI
 from corridor.core.brief import brief
 from corridor.core.camera import INTERIOR
 from corridor.core.effects import Arrays, Context, Images, Member, Stack, group_of_image
-from corridor.core.engine.panels import PANEL
+from corridor.core.engine.scene import PANEL
 from corridor.core.errors import InputError
 
 

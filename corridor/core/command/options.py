@@ -274,7 +274,10 @@ def announce_compilation(how_long: str, kernel: str = "") -> None:
 
     kernel: the one that takes long; by default any.
     """
-    from numba.core import event
+    try:
+        from numba.core import event
+    except ImportError:
+        return
 
     class Once(event.Listener):
         said = False

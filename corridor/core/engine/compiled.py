@@ -22,7 +22,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from corridor.core.errors import WorkFailed
+from corridor.core.errors import SlowerWarning
 
 try:
     from numba import __version__, config, njit
@@ -30,21 +30,25 @@ try:
     from numba.core.cpu import CPUTargetOptions
     from numba.core.dispatcher import Dispatcher
     from numba.core.extending import _Intrinsic
-except ImportError as fault:
-    raise WorkFailed(
-        f"numba cannot be loaded ({fault}): install numba 0.64 to 0.68, which compiles what "
-        "computes here"
-    ) from None
+except ImportError:
+    # What is compiled elsewhere runs as it is written; of engines there is `plain` alone.
+    CPUTargetOptions = Dispatcher = None
+
+    def njit(**options: Any) -> Callable:
+        """A decorator that leaves a function as it is."""
+        return lambda function: function
 
 
 def _known(options: dict[str, Any]) -> dict[str, Any]:
     """Those options that this numba has; code without the others is slower, and does the same."""
+    if CPUTargetOptions is None:
+        return {}
     lost = [name for name in options if not hasattr(CPUTargetOptions, name)]
     if lost:
         warnings.warn(
             f"numba {__version__} has no option {', '.join(lost)}: what is compiled is slower; "
             "install numba 0.64 to 0.68",
-            RuntimeWarning,
+            SlowerWarning,
             stacklevel=2,
         )
     return {name: value for name, value in options.items() if name not in lost}
@@ -80,7 +84,9 @@ def compiled(late: bool = False, **options) -> Callable:
     late: another process may be at it (`meanwhile`): it is waited for. options: of `numba.njit`.
     """
 
-    def make(function: Callable) -> Dispatcher:
+    def make(function: Callable) -> Any:
+        if Dispatcher is None:
+            return function
         made: Any = _cached(function, options)
         if isinstance(made._cache, NullCache):
             return made
@@ -93,7 +99,7 @@ def compiled(late: bool = False, **options) -> Callable:
     return make
 
 
-def _cached(function: Callable, options: dict) -> Dispatcher:
+def _cached(function: Callable, options: dict) -> Any:
     """The function with its cache beside the source or in the user's folder of caches.
 
     Where neither can be written (a read-only installation, a user without a home) it is in a folder

@@ -1,6 +1,13 @@
 """What a block can know by itself: velocities, angular rates, antenna positions."""
 
 from corridor.core.preparation.angular_rate import rates_from_gyro, rates_from_neighbours
+from corridor.core.preparation.half_turns import (
+    quarters_of,
+    turned_back,
+    turned_by,
+    turned_images,
+    without_turned_starts,
+)
 from corridor.core.preparation.plausibility import (
     SLOWEST_READOUT_S,
     plausibility_warnings,
@@ -24,11 +31,4 @@ from corridor.core.preparation.record import (
 from corridor.core.preparation.record import record as record_derived
 from corridor.core.preparation.smoothing import rounding, unrounded
 from corridor.core.preparation.strips import strips_of, track_runs
-from corridor.core.preparation.turned_images import (
-    quarters_of,
-    turned_back,
-    turned_by,
-    turned_images,
-    without_turned_starts,
-)
 from corridor.core.preparation.velocity import METHODS, Velocities, velocities

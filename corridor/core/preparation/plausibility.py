@@ -20,9 +20,9 @@ from corridor.core.geometry import (
     rotation_from_quaternion,
 )
 from corridor.core.output import counted
+from corridor.core.preparation.half_turns import turned_images
 from corridor.core.preparation.plausibility_of_motion import motion_warnings
 from corridor.core.preparation.plausibility_on_earth import earth_warnings
-from corridor.core.preparation.turned_images import turned_images
 
 # Readouts of frame sensors end at a quarter of a second.
 SLOWEST_READOUT_S = 0.5
@@ -52,6 +52,8 @@ _FAR_M, _FAR_UP_M, _GEOID_M = 100.0, 10.0, 120.0
 _UNLIKE = 0.4
 # An image is astray from here on; where more than this share are, all of them are.
 _STRAY_M, _FEW, _FEWEST = 1.0, 0.1, 5
+# Positions belong to another image by so many places, and lie so much nearer to it.
+_PLACES, _ELSEWHERE = 3, 0.2
 # Drones and small aircraft fly no higher above ground, m.
 _HIGHEST_M = 3000.0
 _FOOT_M = 0.3048
@@ -295,7 +297,9 @@ def _positions(block: Block) -> Iterator[str]:
     centres = block.numbers("images", *"xyz")
     antenna = np.full(centres.shape, np.nan)
     antenna[block.image_rows("gnss")] = block.numbers("gnss", *"xyz")
-    told = position_difference("gnss.csv", antenna, "images.csv", centres)
+    told = position_difference("gnss.csv", antenna, "images.csv", centres) or _displaced(
+        block, antenna, centres
+    )
     if told:
         yield told
     posed = np.isfinite(centres).all(axis=1).sum() > 2
@@ -303,6 +307,35 @@ def _positions(block: Block) -> Iterator[str]:
     told = _ground(block, reach)
     if told:
         yield f"ground.csv {told} {file}: {_REMEDY}"
+
+
+def _displaced(block: Block, antenna: np.ndarray, centres: np.ndarray) -> str:
+    """A sentence on positions (images, 3) that are those of other images, so many places on."""
+    time = block.column("images", "time_s")
+    order = np.lexsort((time, block.image_flight))
+    given, known = antenna[order], centres[order]
+    away = {
+        places: _median_apart(given[max(-places, 0) :], known[max(places, 0) :])
+        for places in range(-_PLACES, _PLACES + 1)
+    }
+    best = min(away, key=lambda places: away[places])
+    if not best or not away[best] < min(_ELSEWHERE * away[0], away[0] - _STRAY_M):
+        return ""
+    which = "image" if abs(best) == 1 else f"{abs(best)} images"
+    return (
+        f"gnss.csv gives each image the position of the {which} {'after' if best > 0 else 'before'}"
+        f" it: so its positions lie {away[best]:.1f} m (median) from those of images.csv, and "
+        f"{away[0]:.1f} m as they are given. Was a photograph deleted, or a position lost? Give "
+        "each image its own."
+    )
+
+
+def _median_apart(given: np.ndarray, known: np.ndarray) -> float:
+    """How far positions (n, 3) and (m, 3) of the same rows lie apart horizontally, m."""
+    count = min(len(given), len(known))
+    away = (given[:count] - known[:count])[:, :2]
+    away = away[np.isfinite(away).all(axis=1)]
+    return float(np.median(np.linalg.norm(away, axis=1))) if len(away) >= _FEWEST else np.inf
 
 
 def position_difference(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:

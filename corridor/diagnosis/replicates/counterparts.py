@@ -18,7 +18,7 @@ import pandas as pd
 
 from corridor.core.brief import brief
 from corridor.core.engine.memory import give_back
-from corridor.core.engine.panels import PANEL
+from corridor.core.engine.scene import PANEL
 from corridor.core.engine.threads import one_thread
 from corridor.core.errors import InputError
 from corridor.core.output import Progress, telling

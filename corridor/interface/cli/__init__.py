@@ -20,8 +20,8 @@ from contextlib import contextmanager
 from types import ModuleType
 
 from corridor.core import __version__, registry
-from corridor.core.command.options import add
-from corridor.core.errors import InputError, WorkFailed
+from corridor.core.command.options import add, warn
+from corridor.core.errors import InputError, SlowerWarning, WorkFailed
 from corridor.interface.cli._help import Parser
 from corridor.interface.cli._streams import unread
 
@@ -75,6 +75,7 @@ def _answer(parser_of: Callable[[list[str]], Parser], arguments: list[str] | Non
     with unread(), _interruptions() as came, warnings.catch_warnings():
         # What Pillow says of a damaged picture tells nobody more than our own sentence.
         warnings.filterwarnings("ignore", module=r"PIL\.")
+        warnings.showwarning = _told(warnings.showwarning)
         try:
             words = _asking(_with_signs(arguments))
             options = parser_of(words).parse_args(words)
@@ -90,6 +91,18 @@ def _answer(parser_of: Callable[[list[str]], Parser], arguments: list[str] | Non
             if stopped:
                 return _end(130, f"interrupted: {str(error) or 'nothing was written'}.")
             return _failed(error)
+
+
+def _told(otherwise: Callable[..., None]) -> Callable[..., None]:
+    """Warnings as they are shown: of ours the sentence, of others where they come from as well."""
+
+    def show(message, category, *place, **more) -> None:
+        if issubclass(category, SlowerWarning):
+            warn([str(message)])
+        else:
+            otherwise(message, category, *place, **more)
+
+    return show
 
 
 def _failed(error: Exception) -> int:

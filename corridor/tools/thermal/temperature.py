@@ -11,10 +11,11 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from scipy.interpolate import PchipInterpolator, make_smoothing_spline
 from scipy.optimize import minimize_scalar
 from scipy.signal import find_peaks
+
+from corridor.core.engine.compiled import compiled
 
 _FINE = 8  # pieces of the thermometer's curve from one picture to the next
 _LEAST_TO_SMOOTH = 8
@@ -155,7 +156,7 @@ def optics(time_s: np.ndarray, temperature_c: np.ndarray, lag_s: float) -> np.nd
     return Thermometer(time_s, temperature_c).optics(lag_s)
 
 
-@njit(cache=True)
+@compiled()
 def _lagged(time, warm, lag):
     out = np.empty_like(warm)
     out[0] = warm[0]

@@ -54,7 +54,7 @@ def test_a_second_process_compiles_once_and_the_numbers_are_those_of_one_that_di
 
 
 def test_where_all_is_compiled_no_process_is_started(monkeypatch):
-    monkeypatch.setattr("corridor.core.adjustment.precompiling.is_kept", lambda kernel: True)
+    monkeypatch.setattr("corridor.core.engine.panels.is_kept", lambda kernel: True)
     with precompiling():
         assert compiled._Helper.process is None
 

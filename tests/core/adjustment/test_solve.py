@@ -65,7 +65,7 @@ def test_what_images_share_has_hardly_further_to_go_where_the_iterations_end(see
     found, far = (solve(normal, 30, tolerance) for tolerance in (5e-5, 1e-9))
     assert found.converged and len(found.history) < len(far.history)
     system = LinearSystem(problem, far.state)
-    sigma = np.sqrt(np.diag(system.factorised[1].shared_inverse()))
+    sigma = np.sqrt(np.diag(system.factor.shared_inverse()))
     left = np.abs(shared_values(problem, found.state) - shared_values(problem, far.state))
     assert (left < SHARED_STEP * sigma).all()
 
@@ -89,7 +89,7 @@ def test_the_factor_of_the_last_step_is_that_of_the_equations_at_the_result(
     mine = LinearSystem.in_place(normal, found.state, 1, found.factor)
     anew = LinearSystem(problem, found.state, normal.loss)
     assert found.factor is not None
-    ours, theirs = (one.factorised[1].shared_inverse() for one in (mine, anew))
+    ours, theirs = (one.factor.shared_inverse() for one in (mine, anew))
     sigma = np.sqrt(np.diag(theirs))
     assert np.abs((ours - theirs) / np.outer(sigma, sigma)).max() < 1e-6
     assert mine.right == pytest.approx(anew.right, rel=1e-6, abs=1e-6 * np.abs(anew.right).max())

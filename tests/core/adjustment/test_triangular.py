@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from corridor.core.adjustment.partition import Pieces
-from corridor.core.engine import triangular
-from corridor.core.engine.band_inverse import invert_within
+from corridor.core.engine.panels import triangular
+from corridor.core.engine.panels.band_inverse import invert_within
 
 SHAPES = [(1, 1), (5, 3), (9, 2), (16, 4), (23, 1), (31, 16), (37, 37), (100, 20), (700, 108)]
 

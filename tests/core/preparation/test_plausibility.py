@@ -36,3 +36,21 @@ def test_keys_that_an_import_writes_are_not_called_unknown(dike):
 def test_a_key_nearly_written_as_a_known_one_is_called_unknown(dike):
     (said,) = unknown(with_keys(dike, {}, {"readout": 0.03}))
     assert "readout of [camera." in said and "readout_s" in said
+
+
+@pytest.mark.parametrize(("places", "told"), [(1, "image after"), (-2, "2 images before")])
+def test_positions_of_other_images_are_told_with_how_many_places(dike, places, told):
+    """A photograph deleted before names and positions were put together."""
+    block = dike.copy()
+    names = block.images["image"].astype(str).tolist()
+    other = dict(zip(names, names[places:] + names[:places], strict=True))
+    gnss = block.gnss.copy()
+    own = gnss.set_index(gnss["image"].astype(str))[["x", "y", "z"]]
+    gnss[["x", "y", "z"]] = own.loc[[other[name] for name in gnss["image"].astype(str)]].to_numpy()
+    block.gnss = gnss
+    (sentence,) = [one for one in plausibility_warnings(block) if "gives each image" in one]
+    assert f"the position of the {told} it" in sentence
+
+
+def test_positions_of_their_own_images_are_not_called_those_of_others(dike):
+    assert not [one for one in plausibility_warnings(dike) if "gives each image" in one]

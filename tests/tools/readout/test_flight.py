@@ -14,7 +14,7 @@ from corridor.core.geometry import cluster_robust_sigma, jackknife, sigma_by_tes
 from corridor.core.preparation import strips_of, unrounded
 from corridor.interface.cli import main
 from corridor.tools.readout import published_value, readout_from_flight, save_flight, use
-from corridor.tools.readout.flight import judged
+from corridor.tools.readout.flight import _at_once, judged
 from corridor.tools.readout.motion import on_one_clock
 
 DIKE = "data_synthetic/dike"
@@ -93,6 +93,16 @@ def changed(found, **changes):
     return judged(replace(found, **changes), in_camera)
 
 
+def test_whether_all_rows_are_exposed_at_once_is_asked_of_block_and_model():
+    camera = corridor.read(DIKE).cameras["camlight"]
+    assert "Phantom 4 RTK" in _at_once(camera, "DJI FC6310R")
+    assert not _at_once(camera, "DJI FC330") and not _at_once(camera, "")
+    assert _at_once(replace(camera, readout_s=0.0), "") == "block.toml"
+    assert not _at_once(replace(camera, readout_s=0.033), "DJI FC6310")
+    by_row = replace(camera, extra={"readout_from": "its electronic shutter took them"})
+    assert not _at_once(by_row, "DJI M3E")
+
+
 class TestRefused:
     def test_a_negative_readout_however_small_its_sigma(self, found):
         """Brighton: -19.1 +- 1.1 ms, which was called supported."""
@@ -118,6 +128,14 @@ class TestRefused:
     def test_what_hangs_on_one_strip(self, found):
         said = changed(found, readout=0.030, sigma=0.009, formal=0.003, jackknife=0.02)
         assert "depends on single strips" in said.reasons[0]
+
+    def test_what_a_global_shutter_cannot_show(self, found):
+        """Its maker says that all rows are exposed at once: no motion of them is a readout."""
+        said = changed(found, readout=0.030, sigma=0.001, eight=0.030, at_once="its maker")
+        assert not said.told and "is no readout time" in said.reasons[0]
+        assert use(said)[:2] == (0.0, 0.0) and "its maker" in use(said)[2]
+        none = changed(found, readout=0.0004, sigma=0.0004, at_once="its maker", published=())
+        assert none.told and "shows no rolling shutter" in str(none) and use(none)[0] == 0.0
 
     def test_too_few_strips(self, found):
         assert "too few" in changed(found, left=found.left[:2]).reasons[0]

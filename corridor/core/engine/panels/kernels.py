@@ -23,8 +23,7 @@ import numpy as np
 
 from corridor.core.camera import interior_columns
 from corridor.core.engine.compiled import KERNEL, UNWRAPPED, compiled, njit
-from corridor.core.engine.panels import (
-    PANEL,
+from corridor.core.engine.panels.lanes import (
     add_some,
     from_lane,
     lane,
@@ -36,8 +35,7 @@ from corridor.core.engine.panels import (
     with_lane,
     zeros,
 )
-from corridor.core.engine.rays import (
-    INNER,
+from corridor.core.engine.panels.rays import (
     SPARE,
     Strided,
     U,
@@ -60,42 +58,13 @@ from corridor.core.engine.rays import (
     sloped,
     three,
 )
+from corridor.core.engine.scene import INNER, PANEL
 from corridor.core.geometry import cross, dot, left_jacobian
 
 # Points seen by the same images that are gathered before they are added to the matrix.
 GROUP = 8
 # Rays that are seen before points are eliminated: few enough for the cache.
 BLOCK = 64
-
-
-class Storage(NamedTuple):
-    """The matrix of the images: flat, see `block_offset`."""
-
-    flat: np.ndarray
-    stride: int
-    neighbour_start: np.ndarray
-    neighbour: np.ndarray
-
-
-class Equations(NamedTuple):
-    """Where the assembly adds to, all flat.
-
-    Of images: storage, gradient and diagonal (m, d), cross (m, d, wide) to what is shared; of the
-    shared: block (wide, wide, lower half), shared_gradient, shared_diagonal (wide,). Columns of
-    images >= split go `extra` images later, so that pieces do not meet. matrix: whether more
-    than the gradients is wanted.
-    """
-
-    storage: Storage
-    gradient: np.ndarray
-    diagonal: np.ndarray
-    cross: np.ndarray
-    block: np.ndarray
-    shared_gradient: np.ndarray
-    shared_diagonal: np.ndarray
-    split: int
-    extra: int
-    matrix: bool
 
 
 class Work(NamedTuple):
@@ -109,20 +78,6 @@ class Work(NamedTuple):
     control: np.ndarray
     residual: np.ndarray
     z: np.ndarray
-
-
-class Step(NamedTuple):
-    """A step of the unknowns, and what it does to each image.
-
-    poses (m d,) and two numbers behind, shared (wide,); interior (m, 16), image (m, k),
-    motion (m, degree + 1, 8), or (m, 0, 8).
-    """
-
-    poses: np.ndarray
-    shared: np.ndarray
-    interior: np.ndarray
-    image: np.ndarray
-    motion: np.ndarray
 
 
 # --- residuals --------------------------------------------------------------------------------

@@ -14,8 +14,16 @@ from typing import NamedTuple
 import numpy as np
 
 from corridor.core.engine.compiled import KERNEL, UNWRAPPED, compiled, njit
-from corridor.core.engine.panels import PANEL, panel, plus, put, transposed, zeros
-from corridor.core.engine.triangular import copy, gathered, keep, nothing, products, take_columns
+from corridor.core.engine.panels.lanes import panel, plus, put, transposed, zeros
+from corridor.core.engine.panels.triangular import (
+    copy,
+    gathered,
+    keep,
+    nothing,
+    products,
+    take_columns,
+)
+from corridor.core.engine.scene import PANEL
 
 U = np.uint64
 

@@ -18,8 +18,7 @@ import numpy as np
 
 from corridor.core.camera import distorted, interior_columns
 from corridor.core.engine.compiled import UNWRAPPED, njit
-from corridor.core.engine.panels import (
-    PANEL,
+from corridor.core.engine.panels.lanes import (
     lane,
     largest,
     panel,
@@ -32,113 +31,12 @@ from corridor.core.engine.panels import (
     with_lane,
     zeros,
 )
+from corridor.core.engine.scene import HUBER, INNER, PANEL, PASSES, SQUARES
 from corridor.core.geometry import cross, dot, few_sines, left_jacobian, rotated, sines
 
-SQUARES, HUBER, CAUCHY = 0, 1, 2
-# A row that is not found after so many steps never is.
-PASSES = 8
-# Interior parameters, and a column of zeros behind them.
-INNER = 16
 U = np.uint64
 # Where two panels more find room behind the derivatives of eight rays.
 SPARE = U(2 * INNER * PANEL)
-
-
-# --- what the kernels are given ---------------------------------------------------------------
-
-
-class Observations(NamedTuple):
-    """start (points + 1,): where the rays of a point begin; of each ray image (n,), xy (n, 2) px
-    and weight (n,) or (1,), the root of it. skewed (n, 3) or (0, 3): matrix 00 10 11 before
-    residuals whose x and y are correlated, or not equally good."""
-
-    start: np.ndarray
-    image: np.ndarray
-    xy: np.ndarray
-    weight: np.ndarray
-    skewed: np.ndarray
-
-
-class Cameras(NamedTuple):
-    """Of each image: pose (m, 16), centre, rotation and `Images.row_of`; interior (m, 16), of which
-    `radials` radial coefficients count; motion (m, degree + 1, 8), centre in the camera frame and
-    turn, or (m, 0, 8) where no camera moves. turns: whether it, or its derivatives, turn any."""
-
-    pose: np.ndarray
-    interior: np.ndarray
-    radials: int
-    motion: np.ndarray
-    turns: bool
-
-
-class Looked(NamedTuple):
-    """What effects say of the rays of some points, the first of which is the ray `base`.
-
-    shift (k, 2) px by effects on the image, or (k, 6) with the derivative of the shifted pixel by
-    the one that is not; (0, 2) without. Of all rays, and moved on to what is found now:
-    row (n,), the row that a moving camera reads it in, and modelled (n, 4), the pixel at which
-    effects looked and its u, v; (0,) and (0, 4) where nothing needs them. Rows are looked for
-    anew until they were missed by less than `near`, px.
-    """
-
-    base: int
-    shift: np.ndarray
-    row: np.ndarray
-    modelled: np.ndarray
-    near: float
-
-
-class Derivatives(NamedTuple):
-    """By the effects' parameters: of the interior (m, k, 16), of the image (rays, 2, k), of the
-    motion (m, k, degree + 1, 8), of the ground control (c, 3, k). sight (rays, 2, 9): of effects
-    on the image that see object points, by centre, turn and point; (0, 2, 9) without."""
-
-    interior: np.ndarray
-    image: np.ndarray
-    motion: np.ndarray
-    ground: np.ndarray
-    sight: np.ndarray
-
-
-class Columns(NamedTuple):
-    """Number of the unknown behind each derivative: >= 0 shared, -1 held, <= -2 the image's own
-    4 - number. source (m, wide): interior parameter behind each shared unknown, or 15; images of
-    one camera (m,) have the same. slot (m, effects on camera, image, motion), ground (c, k);
-    low, high (m,): the panels of shared unknowns that an image touches; wide: how many there are,
-    in whole panels; used: how many any ray touches."""
-
-    source: np.ndarray
-    camera: np.ndarray
-    slot: np.ndarray
-    ground: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    wide: int
-    used: int
-
-
-class Control(NamedTuple):
-    """row (points,) of a point in the next, or -1; weight W (c, 6), 1/m^2, root (c, 6), the lower
-    triangle G of W = G'G, both 00 10 11 20 21 22; residual (c, 3), m."""
-
-    row: np.ndarray
-    weight: np.ndarray
-    root: np.ndarray
-    residual: np.ndarray
-
-
-class Scene(NamedTuple):
-    """A problem at a state, as far as some of its points need it. points (n, 3) m; loss: its kind
-    and width, on the length of an image residual in sigmas."""
-
-    points: np.ndarray
-    observations: Observations
-    cameras: Cameras
-    looked: Looked
-    derivatives: Derivatives
-    columns: Columns
-    control: Control
-    loss: tuple
 
 
 class Room(NamedTuple):

@@ -14,7 +14,8 @@ from numba.core import cgutils
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import intrinsic, lower_builtin, models, register_model
 
-PANEL = 8
+from corridor.core.engine.scene import PANEL
+
 _DOUBLE, _INDEX = ir.DoubleType(), ir.IntType(32)
 _EIGHT = ir.VectorType(_DOUBLE, PANEL)
 _ZEROS = ir.Constant(_EIGHT, [0.0] * PANEL)

@@ -2,7 +2,7 @@
 
 With V^-1 = L^-T L^-1 of a point and Q of poses and shared unknowns its covariance is
 
-    L^-T (1 + Y Q Y') L^-1,    Y = L^-1 P'J    (`corridor.core.engine.kernels`)
+    L^-T (1 + Y Q Y') L^-1,    Y = L^-1 P'J    (`corridor.core.engine.panels.kernels`)
 
 Points that the same images see need the same part of Q: up to eight of them go together, each in a
 lane of its own of all panels.
@@ -13,40 +13,19 @@ from typing import NamedTuple
 import numpy as np
 
 from corridor.core.engine.compiled import KERNEL, UNWRAPPED, compiled, njit
-from corridor.core.engine.kernels import (
+from corridor.core.engine.panels.kernels import (
     BLOCK,
     GROUP,
-    Storage,
     block_offset,
     group_size,
     invert_cholesky,
 )
-from corridor.core.engine.panels import PANEL, panel, plus, put, same, transposed, zeros
-from corridor.core.engine.rays import U, aligned, fill_rows, make_room, put_rows
+from corridor.core.engine.panels.lanes import panel, plus, put, same, transposed, zeros
+from corridor.core.engine.panels.rays import U, aligned, fill_rows, make_room, put_rows
+from corridor.core.engine.scene import PANEL
 
 # Numbers of an unknown in Y: of each axis a panel, one lane a point.
 ROW = 3 * PANEL
-
-
-class Inverse(NamedTuple):
-    """Covariances of images and shared unknowns: entries between images that share a point, stored
-    as the equations; poses_shared (n, q) and shared (q, q), flat."""
-
-    near: Storage
-    poses_shared: np.ndarray
-    shared: np.ndarray
-    q: int
-
-
-class Asked(NamedTuple):
-    """What is to be found. out (points, 6): lower halves, or (0, 6) for none. cross
-    (k, 3, columns): with some of the shared unknowns, of the points whose number k in `number`
-    (points,) is not -1."""
-
-    number: np.ndarray
-    columns: np.ndarray
-    out: np.ndarray
-    cross: np.ndarray
 
 
 class Together(NamedTuple):
@@ -374,50 +353,6 @@ def _fill_rows(p, last, scene, d, number, every, room):
         # No literal 0: all of it would be compiled once more for that.
         fill_rows(p, stop, scene, room, (np.int64(0), scene.columns.wide), d)
     return stop
-
-
-@compiled(**KERNEL)
-def _gains(wanted, first, last, scene, d, room, together, inverse, own, shared):
-    """V^-1 and K of the points first..last whose number in wanted is not -1.
-
-    inverse (k, 6): lower halves; shared (k, q, 3), by number. own (observations, d, 3).
-    """
-    start, found = scene.observations.start, together.found
-    one, zero = same(1.0), zeros()
-    p = first
-    while p < last:
-        stop = _fill_rows(p, last, scene, d, wanted, False, room)
-        if stop == p:
-            p += group_size(p, last, scene)
-        n = np.int64(0)
-        while p < stop:
-            m, count = start[p + 1] - start[p], group_size(p, last, scene)
-            _fill(p, n, m, count, scene, d, room, together)
-            root = _root(together)
-            v = _scaled(root, (one, zero, one, zero, zero, one))
-            put_rows(found, U(0), U(PANEL), (v[0], v[1], v[2], v[3], v[4], v[5], zero, zero))
-            for j in range(count):
-                for x in range(6 if wanted[p + j] >= 0 else 0):
-                    inverse[wanted[p + j], x] = found[U(j * PANEL + x)]
-            for c in range(shared.shape[1]):
-                _put_three(found, U(0), _other_half(root, _three(together.shared, U(c * ROW))))
-                for j in range(count):
-                    for x in range(3 if wanted[p + j] >= 0 else 0):
-                        shared[wanted[p + j], c, x] = found[U(x * PANEL + j)]
-            for c in range(m * d):
-                _put_three(found, U(0), _other_half(root, _three(together.own, U(c * ROW))))
-                for j in range(count):
-                    for x in range(3 if wanted[p + j] >= 0 else 0):
-                        own[start[p + j] + c // d, c % d, x] = found[U(x * PANEL + j)]
-            p += count
-            n += count * m
-
-
-def point_regression(wanted, first, last, scene, d, longest, inverse, own, shared):
-    """As `_gains`, for images with `d` unknowns; longest: the most rays of a point."""
-    wide = scene.columns.wide
-    room, together = make_room(BLOCK + GROUP * longest, d, wide), _together(longest, d, wide)
-    _gains(wanted, first, last, scene, d, room, together, inverse, own, shared)
 
 
 @compiled(late=True, **KERNEL)

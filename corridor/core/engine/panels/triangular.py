@@ -12,7 +12,8 @@ from scipy.linalg.blas import dtbsv
 from scipy.linalg.lapack import dpbtrf
 
 from corridor.core.engine.compiled import KERNEL, UNWRAPPED, compiled, njit
-from corridor.core.engine.panels import PANEL, panel, plus, put, zeros
+from corridor.core.engine.panels.lanes import panel, plus, put, zeros
+from corridor.core.engine.scene import PANEL
 
 U = np.uint64
 # Rows at a time, and how many columns the room takes before those that still count are moved.
@@ -185,6 +186,20 @@ def _finish(sums, room, at, diagonal, step):
 
 
 # --- solutions --------------------------------------------------------------------------------
+
+
+class Factor:
+    """See `corridor.core.engine.interface.Factor`."""
+
+    def __init__(self, band, ld, n):
+        self._of = band, ld, n
+        self.weak = factor(*self._of)
+
+    def half(self, right):
+        return forward(*self._of, right)
+
+    def other_half(self, right):
+        return backward(*self._of, right)
 
 
 def forward(band, ld, n, right):

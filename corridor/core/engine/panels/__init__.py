@@ -1,0 +1,80 @@
+"""The engine of large blocks: eight numbers at once, compiled by numba, in two threads."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from corridor.core.engine.compiled import is_kept
+from corridor.core.engine.panels import rays, triangular
+from corridor.core.engine.panels.band_inverse import invert_within
+from corridor.core.engine.panels.kernels import BLOCK, look, make_assemble, make_substitute
+from corridor.core.engine.panels.point_covariance import covariances, point_covariance
+from corridor.core.engine.panels.rows import Out, pass_points, rows_for
+from corridor.core.engine.scene import Asked, Equations, Inverse, Passing, Rays, Scene, Step
+
+_assemble_for = lru_cache(make_assemble)
+_substitute_for = lru_cache(make_substitute)
+
+
+class Panels:
+    """See `corridor.core.engine.interface.Engine`."""
+
+    name, threads = "panels", 2
+
+    def __init__(self, d: int, longest: int, sighted: bool) -> None:
+        self.d, self.longest, self.sighted = d, longest, sighted
+
+    @staticmethod
+    def ready() -> bool:
+        return is_kept(covariances)
+
+    def residuals(self, first: int, last: int, scene: Scene, out: np.ndarray) -> np.ndarray:
+        room = rays.make_room(BLOCK + self.longest, 6, 0)
+        return np.array(look(first, last, scene, out, room))
+
+    def rows(
+        self, first: int, last: int, scene: Scene, row: np.ndarray, weight: np.ndarray
+    ) -> Rays:
+        start, d, wide = scene.observations.start, self.d, scene.columns.wide
+        room = rays.make_room(self.longest, d, wide)
+        n = 2 * int(start[last] - start[first])
+        own, point, shared = np.zeros(n * d), np.zeros(n * 3), np.zeros(n * wide)
+        root = np.zeros((last - first, 6))
+        out = Out(own, point, shared, root)
+        rows_for(d, self.sighted)(first, last, scene, weight, out, room)
+        image = scene.observations.image[start[first] : start[last]]
+        begin = start[first : last + 1] - start[first]
+        made = own.reshape(n, d), point.reshape(n, 3), shared.reshape(n, wide)
+        return Rays(image, begin, *made, root, row)
+
+    def assemble(
+        self, first: int, last: int, scene: Scene, damping: float, into: Equations
+    ) -> np.ndarray:
+        totals = np.zeros(3)
+        kernel = _assemble_for(self.d, self.sighted)
+        kernel(first, last, scene, damping, into, totals, self.longest)
+        return totals
+
+    def factor(self, band: np.ndarray, ld: int, n: int) -> triangular.Factor:
+        return triangular.Factor(band, ld, n)
+
+    def substitute(
+        self, first: int, last: int, scene: Scene, damping: float, step: Step, moved: np.ndarray
+    ) -> np.ndarray:
+        totals = np.zeros(2)
+        kernel = _substitute_for(self.d, self.sighted)
+        kernel(first, last, scene, damping, step, moved, totals, self.longest)
+        return totals
+
+    def follow(self, rays: Rays, left: np.ndarray, to: Passing) -> None:
+        pass_points(rays, left.ravel(), to)
+
+    def inverse(
+        self, band: np.ndarray, ld: int, n: int, left: np.ndarray, right: np.ndarray
+    ) -> None:
+        invert_within(band, n, ld, left, right)
+
+    def point_covariance(
+        self, first: int, last: int, scene: Scene, known: Inverse, asked: Asked
+    ) -> None:
+        point_covariance(first, last, scene, self.d, known, self.longest, asked)
