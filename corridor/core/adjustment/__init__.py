@@ -28,7 +28,7 @@ from corridor.core.adjustment.model import (
     listed,
 )
 from corridor.core.adjustment.normal import Normal
-from corridor.core.adjustment.precompiling import precompiling
+from corridor.core.adjustment.precompiling import precompiled_aside
 from corridor.core.adjustment.problem import make_problem, refuse_distances
 from corridor.core.adjustment.regression import PointRegression, point_regression
 from corridor.core.adjustment.result import Adjustment, not_converged

@@ -67,11 +67,11 @@ def keywords(options: argparse.Namespace) -> dict:
 
 def run(options: argparse.Namespace) -> None:
     """Adjust, print the report, save what was asked for."""
-    from corridor.core.adjustment import precompiling
+    from corridor.core.adjustment import precompiled_aside
 
     announce_compilation("half a minute", "core")
     # The report asks for covariances, whose kernel is late as well.
-    with precompiling():
+    with precompiled_aside():
         _run(options)
 
 
