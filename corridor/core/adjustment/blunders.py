@@ -34,7 +34,7 @@ _ALIKE, _ELSEWHERE_M, _FOOT_M = 0.1, 2.0, 0.3048
 _LEAST_CONTROL = 3
 
 
-def without_wild(block: Block, model: Model) -> tuple[Block, list[str]]:
+def without_wild_cells(block: Block, model: Model) -> tuple[Block, list[str]]:
     """The block without wild measurements, and a sentence on each kind, with rows.
 
     Looked for beside the start poses of images.csv, and beside the picture's size. Ground points

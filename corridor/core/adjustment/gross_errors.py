@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.adjustment.blunders import exchanged_points
-from corridor.core.adjustment.group_variances import FACTOR, false_apart, lengths
+from corridor.core.adjustment.group_variances import CONTRADICTING_FACTOR, false_apart, lengths
 from corridor.core.adjustment.result import Adjustment
 from corridor.core.camera import project
 from corridor.core.errors import AdjustmentFailed, InputError, some
@@ -131,7 +131,7 @@ def _without_marks(result: Adjustment, again: Again, notes: list[str]) -> Adjust
     # what they miss goes with them.
     before, after = _square(result), _square(found)
     few = wrong.sum() <= _FEW and before - after > 0.5 * float((length[wrong] ** 2).sum())
-    if not (few or after < before / FACTOR**2):
+    if not (few or after < before / CONTRADICTING_FACTOR**2):
         return result
     notes.append(_told(robust, gone))
     return found

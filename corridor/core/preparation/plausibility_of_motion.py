@@ -36,11 +36,11 @@ class _Pairs(NamedTuple):
 _TO_AND_FRO, _FEWEST = 2.0, 8
 
 
-def motion_doubts(block: Block) -> list[str]:
+def motion_warnings(block: Block) -> list[str]:
     """Sentences on times and velocities that are probably a mistake."""
     backwards = [*_backwards(block), *_track_backwards(block), *_disordered(block)]
     # Times that run backwards turn every velocity round.
-    return backwards or velocity_doubts(block)
+    return backwards or velocity_warnings(block)
 
 
 def _backwards(block: Block) -> Iterator[str]:
@@ -122,7 +122,7 @@ _MISTAKEN = {
 _EXPLAINS, _BETTER = 0.5, 1.0 / 3.0
 
 
-def velocity_doubts(block: Block) -> list[str]:
+def velocity_warnings(block: Block) -> list[str]:
     """Velocities beside the way and the time from image to image of one strip, as sentences."""
     pairs = paired_speeds(block)
     count = len(pairs.told)
