@@ -15,7 +15,7 @@ from scipy.special import chdtri
 from corridor.core.adjustment.cofactors import of_antennas
 from corridor.core.adjustment.result import Adjustment, Again, from_where_it_ended
 from corridor.core.adjustment.variance_components import (
-    FACTOR,
+    CONTRADICTING_FACTOR,
     contradicting,
     flights_of,
     restate,
@@ -120,7 +120,7 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
     by_fit = np.flatnonzero(mine)[np.argsort(-lengths(result, sigma)[mine], kind="stable")]
     parts = [by_fit[:count], *(rows[k : k + count] for k in _begun(len(rows), count))]
     # With all of them; the rest agrees with itself, or at least far better than all do.
-    limit = max(FACTOR, _scale(lengths(result, sigma)[mine]) / FACTOR)
+    limit = max(CONTRADICTING_FACTOR, _scale(lengths(result, sigma)[mine]) / CONTRADICTING_FACTOR)
     least, found = limit, None
     for part in parts:
         best = np.ones(len(mine), bool)
@@ -128,7 +128,7 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
         false, scale = _concentrated_from(best, mine, sigma, result, again)
         if scale < least:
             least, found = scale, false
-        if scale < FACTOR:
+        if scale < CONTRADICTING_FACTOR:
             break
     return found
 

@@ -28,7 +28,7 @@ AXES = {"plan": _PLAN, "height": _HEIGHT}
 _TURNS = {"roll and pitch": _PLAN, "yaw": _HEIGHT}
 # A group contradicts what is stated where chance does so once in a thousand, and its factor, which
 # small faults of any model raise, is beyond two.
-RARE, FACTOR = 1e-3, 2.0
+RARE_CHANCE, CONTRADICTING_FACTOR = 1e-3, 2.0
 # Redundancy below which a group says nothing of its own size.
 _FEWEST = 6.0
 # A redundancy near one makes residuals as large as errors: below this RMS, in sigmas, no group
@@ -133,8 +133,8 @@ def contradicting(result: Adjustment) -> dict[tuple[str, str], float]:
     wrong = (
         (table["kind"] == "gnss")
         & (table["redundancy"] >= _FEWEST)
-        & (table["p"] < RARE)
-        & (table["sigma0"] > FACTOR * usual)
+        & (table["p"] < RARE_CHANCE)
+        & (table["sigma0"] > CONTRADICTING_FACTOR * usual)
     )
     return {
         (row.part, row.flight): row.sigma0 / usual for row in table[wrong].itertuples(index=False)
@@ -200,7 +200,7 @@ def slow(result: Adjustment) -> Slow | None:
         together = float(SlowNoise(constant).correlation(time).sum()) / len(time)
         for part in AXES:
             factor[part, name] = white * float(np.sqrt(1.0 + ratio * together))
-    if max(factor.values()) < FACTOR:
+    if max(factor.values()) < CONTRADICTING_FACTOR:
         return None
     return Slow(ratio, constant, white, factor)
 
@@ -250,4 +250,4 @@ def _likeliest(parts: list[_Contrasts]) -> tuple[float, float, float] | None:
             variance = float(np.sum(square / spread)) / free
             value = free * np.log(variance) + np.sum(np.log(spread)) + known
             best = min(best, (value, ratio, constant, np.sqrt(variance)))
-    return best[1:] if plain - best[0] > chdtri(2, RARE) else None
+    return best[1:] if plain - best[0] > chdtri(2, RARE_CHANCE) else None

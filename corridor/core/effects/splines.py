@@ -90,7 +90,9 @@ def _splines(at: np.ndarray, inner: np.ndarray, count: int) -> np.ndarray:
         return np.zeros((0, count))
     from scipy.interpolate import BSpline  # at first use: few models have a curve
 
-    return BSpline(_clamped(inner, degree), np.eye(count), degree)(np.clip(at, inner[0], inner[-1]))
+    # Of what is not known, a point behind a camera say, neither are these.
+    inside = np.where(np.isfinite(at), np.clip(at, inner[0], inner[-1]), np.nan)
+    return BSpline(_clamped(inner, degree), np.eye(count), degree)(inside)
 
 
 class CameraCurve(LinearEffect):
