@@ -27,7 +27,6 @@ SIZES = {
     ("block.writing", "_GROUP"): 5,
     ("adjustment.tables", "_PART"): 7,
     ("adjustment.normal", "CHUNK"): 7,
-    ("adjustment.design", "CHUNK"): 7,
     # rays of a thread
     ("adjustment.partition", "_LEAST"): 1,
     # columns of a band beyond which LAPACK factors it
