@@ -396,7 +396,8 @@ def _held_out(rows: ImageRows) -> np.ndarray:
     ties = np.flatnonzero(rows.tie)
     if len(ties):
         rng = np.random.default_rng(11)
-        out[ties[spared(rows.point[ties], HELD_OUT, rng)]] = True
+        among = rng.random(len(ties)) < HELD_OUT
+        out[ties[spared(rows.point[ties], rng, among)]] = True
     return out
 
 

@@ -1,4 +1,4 @@
-"""Statistics of antenna positions: by time, place, flight, velocity and frequency."""
+"""Statistics of antenna positions: by time, place, flight and frequency."""
 
 from __future__ import annotations
 
@@ -45,12 +45,6 @@ def gnss_forms(replicator, missing: dict[str, str]) -> Iterator[Form]:
         name = f"{side} of the camera by flight"
         yield _mean(name, "flight", by_flight, lambda r, k=k: r.gnss_in_camera[:, k])
         yield from _spectrum(replicator.series, images, k, axis)
-    yield _growth(images.centre[image] - images.centre.mean(axis=0))
-    height = images.centre[image][:, 2]
-    if np.ptp(height) > 0.05 * max(abs(float(np.mean(height - images.ground))), 1.0):
-        bins = Curve.equal(height, 6, one, FEWEST_EPOCHS)
-        yield _mean("z by height", "height (m)", bins, lambda r: r.gnss[:, 2])
-    yield from _by_velocity(images, image, missing)
 
 
 def _mean(name: str, axis: str, curve: Curve, of) -> Form:
@@ -66,51 +60,6 @@ def _by_time(series, one: np.ndarray) -> Curve:
         part[s.rows] = first + np.arange(len(s.rows)) * count // len(s.rows)
         first += count
     return Curve.of(part, time, one, FEWEST_EPOCHS)
-
-
-def _growth(away: np.ndarray) -> Form:
-    spread = away.std(axis=0)
-    wide = np.flatnonzero(spread > 1e-3)
-    statistic = Statistic(
-        "GNSS growing with the place",
-        "gnss",
-        "m",
-        "axis; for one spread (RMS) of the positions",
-        wide.astype(float),
-        tuple("xyz"[k] for k in wide),
-    )
-
-    def slopes(r) -> np.ndarray:
-        each = [r.gnss[:, k] @ away[:, k] / (away[:, k] @ away[:, k]) for k in wide]
-        return np.array(each) * spread[wide]
-
-    return Form(statistic, slopes)
-
-
-def _by_velocity(images, image: np.ndarray, missing: dict[str, str]) -> Iterator[Form]:
-    velocity = images.velocity
-    moving = np.isfinite(velocity).all(axis=1) & (np.hypot(*velocity[:, :2].T) > 0.2)
-    if not moving[image].any():
-        missing["GNSS residuals by velocity"] = "images.vx, images.vy, images.vz"
-        return
-    v = np.where(moving[image][:, None], np.nan_to_num(velocity[image]), 0.0)
-    direction = v[:, :2] / np.maximum(np.hypot(*v[:, :2].T), 1e-9)[:, None]
-    left = np.column_stack([-direction[:, 1], direction[:, 0]])
-    what = "direction of the velocity"
-    sectors = Curve.sectors(velocity, moving, image, np.ones(len(image)), FEWEST_EPOCHS)
-    for name, way in (("along", direction), ("across", left)):
-        yield _mean(
-            f"{name} the velocity by its direction",
-            what,
-            sectors,
-            lambda r, way=way: np.einsum("ni,ni->n", r.gnss[:, :2], way),
-        )
-    yield _mean(f"z by {what}", what, sectors, lambda r: r.gnss[:, 2])
-    square = float((v**2).sum())
-    yield Form(
-        named("GNSS delay: along the velocity, per speed", "gnss", "s", "", ("all together",)),
-        lambda r: np.array([(r.gnss * v).sum() / square]),
-    )
 
 
 def _spectrum(series, images, k: int, axis: str) -> Iterator[Form]:
