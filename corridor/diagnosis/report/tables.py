@@ -356,27 +356,6 @@ def rounds(d: Diagnosed) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def physics(d: Diagnosed) -> pd.DataFrame:
-    """What hides the effects that were found, look alike, or are weak in this block."""
-    known = effects_by_slug(d.block)
-    relevant: dict[str, str] = {}
-    for one in d.findings.effects:
-        relevant[one.slug] = "found"
-        relevant |= {s: "looks alike" for s in one.alternatives if s not in relevant}
-    for slug, mine in d.detection_limits.items():
-        scales = {p.name: p.scale for p in known[slug].parameters(d.block)}
-        if slug not in relevant and all(v is None or v > scales[k] for k, v in mine.items()):
-            relevant[slug] = "this flight hardly shows it"
-    rows = [
-        (
-            upper(known[slug].called), why, known[slug].unobservable_when or DASH,
-            known[slug].revealed_by or DASH,
-        )
-        for slug, why in relevant.items()
-    ]  # fmt: skip
-    return pd.DataFrame(rows, columns=["effect", "here", "hidden when", "shown by"])
-
-
 def believed(d: Diagnosed) -> pd.DataFrame:
     """The assumed model, as adjusted."""
     rows, system = [], d.before.system
@@ -398,18 +377,6 @@ def believed(d: Diagnosed) -> pd.DataFrame:
         rows.append((f"prior of {name}", f"{value:g} \u00b1 {sigma:g}"))
     rows.append(("sigma naught", f"{d.before.sigma0:.3f}"))
     return pd.DataFrame(rows, columns=["model", "as adjusted"])
-
-
-def written(d: Diagnosed, slugs: list[str]) -> pd.DataFrame:
-    """What stands in the two blocks."""
-    told = listed(slugs) or "nothing"
-    with_it = f"adjusted with {told}" if slugs else "adjusted with the believed model"
-    without = (
-        f"the measured block, {told} taken out of its measurements"
-        if slugs
-        else "the measured block, unchanged"
-    )
-    return pd.DataFrame([("block/", with_it), ("corrected/", without)], columns=["folder", "holds"])
 
 
 def _number(value: float, digits: int) -> str:

@@ -113,4 +113,4 @@ def asked(points: np.ndarray, roles: np.ndarray) -> list[str]:
 
 def contradicted(misfit: float, coordinates: int) -> bool:
     """Whether check points are off by more than chance: misfit in squared sigmas."""
-    return bool(chdtrc(coordinates, misfit) < SETTINGS.check_chance)
+    return bool(chdtrc(coordinates, misfit) < SETTINGS.doubt_level)
