@@ -9,7 +9,7 @@ that is, what it does to data that the fit has not used, and what could not be t
     system/         its linear system with a column for each candidate, all else eliminated
     noise/          noise of the pictures and of the antenna positions
     evidence/       how likely groups of candidates are, beside the lens, blunders and slow noise
-    rounds          search, add, adjust, search again
+    forward_selection  search, add, adjust, search again
     findings/       what that amounts to: values, places, the verdict
     verification/   what data that no fit has used say of it
     anomalies/      noise that changes, and matches that go wrong together
@@ -25,6 +25,7 @@ from corridor.core.effects import candidates
 from corridor.diagnosis.diagnosing import Diagnosis, diagnose
 from corridor.diagnosis.evidence.confusability import confusability
 from corridor.diagnosis.evidence.evidence import Evidence
+from corridor.diagnosis.forward_selection import Course, Round
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.replicates.comparison import Closing, Compared, Comparison, compare
 from corridor.diagnosis.replicates.counterparts import Counterparts, counterparts, measure
@@ -33,7 +34,6 @@ from corridor.diagnosis.replicates.replicator import EstimatedNoise
 from corridor.diagnosis.replicates.statistics import Statistic
 from corridor.diagnosis.report import check_output
 from corridor.diagnosis.report.corrected import corrected
-from corridor.diagnosis.rounds import Course, Round
 from corridor.diagnosis.settings import Settings
 
 __all__ = [

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import label
 
 from corridor.core.effects import Context, Stack
-from corridor.diagnosis.rounds import Round
+from corridor.diagnosis.forward_selection import Round
 from corridor.diagnosis.settings import SETTINGS
 
 

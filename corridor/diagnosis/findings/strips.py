@@ -20,7 +20,7 @@ from corridor.core.geometry import jackknife
 from corridor.core.preparation import strips_of
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.scores import Influence, responding
-from corridor.diagnosis.rounds import Round
+from corridor.diagnosis.forward_selection import Round
 from corridor.diagnosis.settings import SETTINGS
 
 

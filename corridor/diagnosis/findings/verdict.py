@@ -19,7 +19,7 @@ from corridor.diagnosis.evidence.evidence import Evidence, Spectrum
 from corridor.diagnosis.findings.findings import Estimate, Findings, Unknown
 from corridor.diagnosis.findings.location import locate
 from corridor.diagnosis.findings.strips import ByStrips, by_strips
-from corridor.diagnosis.rounds import Course, Round
+from corridor.diagnosis.forward_selection import Course, Round
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.groups import Group
 

@@ -18,8 +18,8 @@ from corridor.diagnosis.evidence.blunders import listed_points
 from corridor.diagnosis.findings.findings import Findings, Unknown
 from corridor.diagnosis.findings.location import locate
 from corridor.diagnosis.findings.verdict import in_place_of, shapes
+from corridor.diagnosis.forward_selection import Course
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.rounds import Course
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.groups import Group
 from corridor.diagnosis.verification.all_ground import AllGround, contradicted
