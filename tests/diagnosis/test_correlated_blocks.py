@@ -7,9 +7,9 @@ from strips import corridor_block
 import corridor
 from corridor.core.block import RHO, with_equal_axes
 from corridor.core.errors import InputError
+from corridor.diagnosis.bootstrap.replicate_block import counterpart
+from corridor.diagnosis.bootstrap.replicator import Replicator
 from corridor.diagnosis.noise.gnss import stated_noise
-from corridor.diagnosis.replicates.replicate_block import counterpart
-from corridor.diagnosis.replicates.replicator import Replicator
 
 GNSS_RHO, CONTROL_RHO = (0.7, -0.5, -0.3), (-0.6, 0.4, 0.2)
 NOISE = {"tie_px": 0.5, "mark_px": 0.5, "gnss_m": 0.03, "control_m": 0.02}

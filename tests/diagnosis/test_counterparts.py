@@ -8,8 +8,8 @@ from believing import NOISE, believed, flown
 import corridor
 from corridor import diagnosis
 from corridor.core.errors import InputError
-from corridor.diagnosis.replicates.replicator import GRID, Replicator, lengths
-from corridor.diagnosis.replicates.statistics import Fit, SummaryStatistics
+from corridor.diagnosis.bootstrap.replicator import GRID, Replicator, lengths
+from corridor.diagnosis.bootstrap.statistics import Fit, SummaryStatistics
 from corridor.diagnosis.settings import SETTINGS
 
 

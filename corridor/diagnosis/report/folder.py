@@ -16,8 +16,8 @@ from corridor.core.output import (
     write_csv,
     write_json,
 )
+from corridor.diagnosis.bootstrap.comparison import Comparison
 from corridor.diagnosis.findings.diagnosed import Diagnosed
-from corridor.diagnosis.replicates.comparison import Comparison
 from corridor.diagnosis.report.beside import COUNT, beside
 from corridor.diagnosis.report.corrected import corrected
 from corridor.diagnosis.report.page import make_page

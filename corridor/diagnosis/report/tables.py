@@ -10,9 +10,9 @@ import pandas as pd
 
 from corridor.core import __version__
 from corridor.core.output import DASH, scaled
+from corridor.diagnosis.bootstrap.comparison import Comparison
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.findings.findings import Estimate
-from corridor.diagnosis.replicates.comparison import Comparison
 from corridor.diagnosis.report.wording import (
     effects_by_slug,
     listed,

@@ -8,16 +8,16 @@ from functools import cached_property
 import numpy as np
 
 from corridor.core.geometry import CLIPPED, robust_scale, robust_scale_of_lengths
-from corridor.diagnosis.replicates.signatures import Signatures
-from corridor.diagnosis.replicates.statistics.antenna import gnss_forms
-from corridor.diagnosis.replicates.statistics.statistic import (
+from corridor.diagnosis.bootstrap.signatures import Signatures
+from corridor.diagnosis.bootstrap.statistics.antenna import gnss_forms
+from corridor.diagnosis.bootstrap.statistics.statistic import (
     Curve,
     Fit,
     Form,
     corridor_frame,
     named,
 )
-from corridor.diagnosis.replicates.statistics.ties import (
+from corridor.diagnosis.bootstrap.statistics.ties import (
     MANY_POINTS,
     PLACES,
     TieFrame,

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from corridor.diagnosis.replicates.statistics.statistic import (
+from corridor.diagnosis.bootstrap.statistics.statistic import (
     Curve,
     Form,
     Statistic,

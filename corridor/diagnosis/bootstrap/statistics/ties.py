@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from corridor.core.geometry import CLIPPED, robust_scale_of_lengths
-from corridor.diagnosis.replicates.statistics.statistic import (
+from corridor.diagnosis.bootstrap.statistics.statistic import (
     FEWEST,
     Curve,
     Form,

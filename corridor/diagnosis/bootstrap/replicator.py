@@ -25,10 +25,10 @@ from corridor.core.geometry import (
     robust_scale,
     robust_scale_of_lengths,
 )
+from corridor.diagnosis.bootstrap.linear_fits import LinearFits, Measured
+from corridor.diagnosis.bootstrap.statistics import Fit
 from corridor.diagnosis.noise.gnss import GnssNoise, stated_noise
 from corridor.diagnosis.noise.likelihood import Arguments, estimate, value_of
-from corridor.diagnosis.replicates.linear_fits import LinearFits, Measured
-from corridor.diagnosis.replicates.statistics import Fit
 from corridor.diagnosis.system.elimination import Elimination, Rows, rows_of
 from corridor.diagnosis.system.equations import Columns, Equations, take_apart
 from corridor.diagnosis.system.groups import Group
