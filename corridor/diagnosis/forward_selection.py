@@ -17,12 +17,12 @@ from corridor.core.block import Block
 from corridor.core.brief import brief
 from corridor.core.effects import Candidates, Effect, candidates, every_effect
 from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.diagnosis.evidence.beside_noise import NoiseModel, beyond_noise, through_noise
 from corridor.diagnosis.evidence.blunders import Blunders, blunders, price, stands
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.lens import Lens, lens_group, lens_of, names_of_lens
 from corridor.diagnosis.evidence.nothing import probability_of_nothing
 from corridor.diagnosis.evidence.plausibility import impossible, nameless, plausible
+from corridor.diagnosis.evidence.profile_likelihood import NoiseModel, beyond_noise, through_noise
 from corridor.diagnosis.evidence.scores import Influence, as_spread, drawn, inflation_of_scores
 from corridor.diagnosis.evidence.search import Found, search, thresholds
 from corridor.diagnosis.noise.gnss import GnssNoise

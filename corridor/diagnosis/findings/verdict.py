@@ -14,8 +14,8 @@ import numpy as np
 from corridor.core.block import Block
 from corridor.core.effects import EffectValues
 from corridor.core.geometry import honest, jackknife
-from corridor.diagnosis.evidence.beside_noise import signs
 from corridor.diagnosis.evidence.evidence import Evidence, Spectrum
+from corridor.diagnosis.evidence.profile_likelihood import signs
 from corridor.diagnosis.findings.findings import Estimate, Findings, Unknown
 from corridor.diagnosis.findings.location import locate
 from corridor.diagnosis.findings.strips import ByStrips, by_strips
