@@ -42,21 +42,21 @@ GRID = np.concatenate([np.linspace(0.0, 0.98, 99), 1 - np.geomspace(0.018, 1e-6,
 # Epochs from which on slow noise can be told from white.
 ENOUGH_EPOCHS = 12
 # Gain in log likelihood from which on slow noise is believed: a chance of one in seven.
-CLEARLY = 2.0
+LEAST_GAIN = 2.0
 # Prior standard deviation, m, m/s, s of what is left free.
 FREE = 1e4
 # Weight, in degrees of freedom, of a stated standard deviation where few residuals tell.
-TRUST = 20.0
+STATED_FREEDOM = 20.0
 # Share of the tie observations that no fit uses.
 HELD_OUT = 0.05
 # The last tenth of a per mille of a step changes no statistic.
 TOLERANCE = 1e-3
 # With more than this share of unusable residuals there are wrong matches.
-WRONG = 0.002
+GROSS_SHARE = 0.002
 # Tie observations from which on one trial says enough on the noise.
-MANY = 20_000
+TIES_OF_A_TRIAL = 20_000
 TRIALS = 3
-PULL = 2.5
+WINSORIZED = 2.5
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,7 @@ def _white_or_slow(e: Equations, shapes: Rows, noise: GnssNoise, sizes: np.ndarr
         x[count + n] = arguments.low[count + n]
         alone = value_of(Elimination(e, arguments.noise_at(x), shapes), arguments, x)
         # Slow noise that is not there would make the bands wide where drifts would show.
-        if few[n] or alone - best.value < 2 * CLEARLY:
+        if few[n] or alone - best.value < 2 * LEAST_GAIN:
             arguments.high[count + n] = arguments.low[count + n]
     best = estimate(e, shapes, arguments, best.x)
     white = best.x[slow] <= arguments.low[slow]
@@ -207,7 +207,7 @@ def _white_or_slow(e: Equations, shapes: Rows, noise: GnssNoise, sizes: np.ndarr
         if few[n]:
             # Too few to estimate anything from alone: what is stated counts too.
             told = len(at) * factors[f, axis] ** 2
-            factors[f, axis] = np.sqrt((TRUST + told) / (TRUST + len(at)))
+            factors[f, axis] = np.sqrt((STATED_FREEDOM + told) / (STATED_FREEDOM + len(at)))
     return replace(best.noise, white=factors, coloured=coloured)
 
 
@@ -300,7 +300,7 @@ class Replicator:
             _sum_of_squares(scaled[marks]),
             _sum_of_squares(self.fit.control / control_sigma) if len(control_sigma) else 0.0,
         ]
-        trials = int(np.clip(MANY // max(int(ties.sum()), 1), 1, 6))
+        trials = int(np.clip(TIES_OF_A_TRIAL // max(int(ties.sum()), 1), 1, 6))
         for trial in range(TRIALS):
             left, squares = [], []
             plain = noise.changed(control=1.0)
@@ -320,7 +320,7 @@ class Replicator:
             if mark > 0:
                 noise = noise.changed(mark=noise.mark * float(np.sqrt(pulls[0] / mark)))
             # Few points say little on their sigma: what is stated counts too.
-            factor = (TRUST + pulls[1]) / (TRUST + control)
+            factor = (STATED_FREEDOM + pulls[1]) / (STATED_FREEDOM + control)
             noise = noise.changed(control=float(np.sqrt(factor)))
         return noise
 
@@ -385,7 +385,7 @@ def _loss(adjustment: Adjustment) -> Loss:
         return loss
     length = (np.hypot(*system.residuals().pixels.T) / rows.sigma)[rows.tie]
     usual = robust_scale_of_lengths(length, least=1e-9)
-    if np.mean(is_outlier(length, usual, UNUSABLE)) < WRONG:
+    if np.mean(is_outlier(length, usual, UNUSABLE)) < GROSS_SHARE:
         return loss
     return Loss(LOSSES["huber"], 2 * usual)
 
@@ -437,5 +437,5 @@ def _ground_moved(
 
 
 def _sum_of_squares(pulls: np.ndarray) -> float:
-    """Of residuals in standard deviations, none counting more than PULL of them."""
-    return float(np.sum(np.clip(pulls, -PULL, PULL) ** 2))
+    """Of residuals in standard deviations, none counting more than WINSORIZED of them."""
+    return float(np.sum(np.clip(pulls, -WINSORIZED, WINSORIZED) ** 2))

@@ -1,4 +1,4 @@
-"""Noise of the GNSS and what is missing from the model, judged together.
+"""Profile likelihood: noise of the GNSS is estimated anew with each model, and judged with it.
 
 What is missing from a model inflates the noise that one finds, and then hides in it: what the
 antenna feels is judged beside noise that may do the same.
