@@ -1,5 +1,7 @@
 """Blocks with correlated measurements: counterparts are drawn with the same correlations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from strips import corridor_block
@@ -28,7 +30,7 @@ def test_draws_have_the_correlations_of_the_block():
     adjusted = corridor.adjust(flown(gnss_rho=GNSS_RHO, control_rho=CONTROL_RHO))
     made = Replicator(adjusted)
     gnss, control = made.system.gnss, made.system.control
-    noise = made.noise.changed(gnss=stated_noise(made.system), control=1.0)
+    noise = replace(made.noise, gnss=stated_noise(made.system), control=1.0)
     errors = {"gnss": [], "control": []}
     for k in range(60):
         drawn = made.errors(made.draw(np.random.default_rng(k), noise))

@@ -77,10 +77,6 @@ class EstimatedNoise:
         """Robust standard deviation of a tie coordinate in stated ones: from the median length."""
         return robust_scale_of_lengths(np.interp(0.5, GRID, self.tie))
 
-    def changed(self, **values) -> EstimatedNoise:
-        """The same noise but for these."""
-        return replace(self, **values)
-
     def draw_tie(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Errors (count, 2) in stated standard deviations, in any direction."""
         length = np.interp(rng.random(count), GRID, self.tie)
@@ -88,32 +84,6 @@ class EstimatedNoise:
         error = np.column_stack([np.cos(angle), np.sin(angle)])
         error *= length[:, None]
         return error
-
-
-@dataclass(frozen=True)
-class Series:
-    """The antenna positions of one flight in the order of time: rows and times, s or epochs."""
-
-    flight: int
-    rows: np.ndarray
-    time: np.ndarray
-
-
-def series_of(system: LinearSystem) -> list[Series]:
-    """Antenna positions by flight, in the order of time (of images.csv where there is none)."""
-    image, images = system.gnss.image, system.images
-    out = []
-    for flight in np.unique(images.flight[image]):
-        rows = np.flatnonzero(images.flight[image] == flight)
-        time = images.time[image[rows]]
-        if np.isnan(time).any():
-            rows = rows[np.argsort(system.image_order[image[rows]])]
-            time = np.arange(len(rows), dtype=float)
-        else:
-            sort = np.argsort(time, kind="stable")
-            rows, time = rows[sort], time[sort]
-        out.append(Series(int(flight), rows, time))
-    return out
 
 
 def lengths(residual: np.ndarray) -> np.ndarray:
@@ -128,7 +98,7 @@ def mended(noise: EstimatedNoise, found: np.ndarray, left: np.ndarray) -> Estima
     tail = GRID > 0.98
     smooth = np.convolve(np.pad(ratio, 3, mode="edge"), np.full(7, 1 / 7), mode="valid")
     ratio = np.where(tail, smooth, ratio)
-    return noise.changed(tie=np.maximum.accumulate(noise.tie * ratio))
+    return replace(noise, tie=np.maximum.accumulate(noise.tie * ratio))
 
 
 def antenna_noise(system: LinearSystem, tie_sigma: float) -> GnssNoise | None:
@@ -261,7 +231,6 @@ class Replicator:
             system.posed.given,
         )
         self.check_sigma = system.block.ground_sigma()[self.check_rows]
-        self.series: list[Series] = series_of(system)
         system = system.measuring(sigma=np.where(self.held_out, np.inf, self.sigma))
         self.system = replace(system, loss=_loss(adjustment)).minimised(20, TOLERANCE, near=False)
         left, state = self.system.residuals(), self.system.state
@@ -291,10 +260,10 @@ class Replicator:
         noise = EstimatedNoise(np.sqrt(-2 * np.log1p(-np.minimum(GRID, 1 - 1e-9))))
         if ties.any():
             found = lengths(scaled[ties])
-            noise = noise.changed(tie=1.2 * found)
+            noise = replace(noise, tie=1.2 * found)
         if len(self.fit.gnss):
             usual = noise.tie_sigma if ties.any() else 1.0
-            noise = noise.changed(gnss=antenna_noise(self.system, usual))
+            noise = replace(noise, gnss=antenna_noise(self.system, usual))
         control_sigma = self.system.control.sigma
         pulls = [
             _sum_of_squares(scaled[marks]),
@@ -303,7 +272,7 @@ class Replicator:
         trials = int(np.clip(TIES_OF_A_TRIAL // max(int(ties.sum()), 1), 1, 6))
         for trial in range(TRIALS):
             left, squares = [], []
-            plain = noise.changed(control=1.0)
+            plain = replace(noise, control=1.0)
             drawn = (self.draw(np.random.default_rng([17, trial, k]), plain) for k in range(trials))
             for fit in self.fits(drawn):
                 again = fit.pixels / self.sigma[:, None]
@@ -318,10 +287,10 @@ class Replicator:
                 noise = mended(noise, found, lengths(np.concatenate(left)))
             mark, control = np.mean(squares, axis=0)
             if mark > 0:
-                noise = noise.changed(mark=noise.mark * float(np.sqrt(pulls[0] / mark)))
+                noise = replace(noise, mark=noise.mark * float(np.sqrt(pulls[0] / mark)))
             # Few points say little on their sigma: what is stated counts too.
             factor = (STATED_FREEDOM + pulls[1]) / (STATED_FREEDOM + control)
-            noise = noise.changed(control=float(np.sqrt(factor)))
+            noise = replace(noise, control=float(np.sqrt(factor)))
         return noise
 
     # --- drawing -----------------------------------------------------------------------------
