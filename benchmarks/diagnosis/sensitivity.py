@@ -1,6 +1,6 @@
 """Which settings of a diagnosis matter: each is halved and doubled over small blocks of many kinds.
 
-    python -m benchmarks.diagnosis.sensitivity [-o FILE] [NAME ...]
+    python -m benchmarks.diagnosis.sensitivity [-o FILE] [--blocks NAME,...] [SETTING ...]
 
 A setting matters where it changes a verdict, the set of what is found, or a value by more than a
 fifth of its standard deviation. Settings are changed several at a time, and apart where that
@@ -137,9 +137,10 @@ def _apart(names: list[str], factor: float, usual: Mapping, out: dict, say: Call
 def _changed(names: list[str], factor: float, usual: Mapping[str, dict]) -> str:
     """The first difference over the bench."""
     given = Settings()
+    blocks = bench()
     settings = replace(given, **{name: times(getattr(given, name), factor) for name in names})
-    for name, block in bench().items():
-        found = "it fails"
+    for name in usual:
+        found, block = "it fails", blocks[name]
         # A number that makes it fail matters.
         with suppress(ArithmeticError, IndexError, ValueError):
             found = differs(usual[name], told(block(), settings))
@@ -152,10 +153,11 @@ def main() -> None:
     """Run it, and print and write what matters."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", help="settings (default: all)")
+    parser.add_argument("--blocks", type=lambda text: text.split(","), default=list(bench()))
     parser.add_argument("-o", "--output", type=Path, help="JSON file of what matters")
     given = parser.parse_args()
     names = given.names or list(vars(Settings()))
-    usual = {name: told(block()) for name, block in bench().items()}
+    usual = {name: told(bench()[name]()) for name in given.blocks}
     say = partial(print, flush=True)
     out = {f"times {factor:g}": matter(names, factor, usual, say) for factor in (0.5, 2.0)}
     idle = [name for name in names if not any(name in found for found in out.values())]
