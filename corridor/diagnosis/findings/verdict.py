@@ -13,7 +13,7 @@ import numpy as np
 
 from corridor.core.block import Block
 from corridor.core.effects import EffectValues
-from corridor.core.geometry import honest, jackknife
+from corridor.core.geometry import jackknife, sigma_by_test
 from corridor.diagnosis.evidence.evidence import Evidence, Spectrum
 from corridor.diagnosis.evidence.profile_likelihood import signs
 from corridor.diagnosis.findings.findings import Estimate, Findings, Unknown
@@ -124,7 +124,7 @@ def _estimates(one: Round, n: int, theta, spread, strips: ByStrips | None = None
     kind = _kind(one, n)
     if strips is not None:
         each = zip(formal, strips.sigma * group.scale, strict=True)
-        sigma = np.array([honest(*pair, strips.count - 1) for pair in each])
+        sigma = np.array([sigma_by_test(*pair, strips.count - 1) for pair in each])
         kind = kind if strips.proved else "suspected"
     # What a test of its own has found has had its rivals there.
     alike = [] if n in found.kept else alternatives(evidence, found.chosen, n)
@@ -171,7 +171,7 @@ def _changes(group: Group, theta, spread, strips: ByStrips | None) -> dict[str, 
             sigma = np.sqrt(max(spread[k, k] + spread[b, b] - 2.0 * spread[k, b], 0.0))
             if strips is not None:
                 left = jackknife(strips.left[:, k] - strips.left[:, b])
-                sigma = honest(sigma, left, strips.count - 1)
+                sigma = sigma_by_test(sigma, left, strips.count - 1)
             value, sigma = float(theta[k] - theta[b]), float(sigma * group.scale[k])
             rows.append({"name": name, "value": value, "sigma": sigma, "unit": unit})
         out[owner] = rows
