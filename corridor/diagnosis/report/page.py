@@ -86,7 +86,7 @@ ANSWER = (
 EVIDENCE = (
     Section(
         "Measured beside simulated",
-        ("bands", "measured_beside_simulated"),
+        ("measured_beside_simulated",),
         "The block was simulated again and again from the assumed model, with noise "
         "as large as its residuals show, and fitted each time. Where the measured curve (dark) "
         "leaves the grey band, the model cannot have produced what was measured; what sticks out "
@@ -171,7 +171,6 @@ def _tables(diagnosis: Diagnosed, compared: Beside) -> dict[str, str]:
         "unknown": tables.unknown(diagnosis),
         "lens": tables.lens(diagnosis),
         "gap": tables.gap(diagnosis, before, after),
-        "bands": tables.bands(before, after),
         "leaving": tables.leaving(before, after),
         "limits": tables.limits(diagnosis),
         "untestable": tables.untestable(diagnosis, before),
