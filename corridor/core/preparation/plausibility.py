@@ -21,8 +21,8 @@ from corridor.core.geometry import (
 )
 from corridor.core.output import counted
 from corridor.core.preparation.half_turns import turned_images
-from corridor.core.preparation.plausibility_of_motion import motion_doubts
-from corridor.core.preparation.slips_of_earth import earth_doubts
+from corridor.core.preparation.plausibility_of_motion import motion_warnings
+from corridor.core.preparation.plausibility_on_earth import earth_warnings
 
 # Readouts of frame sensors end at a quarter of a second.
 SLOWEST_READOUT_S = 0.5
@@ -60,17 +60,17 @@ _FOOT_M = 0.3048
 _REMEDY = "x is east, y north, in metres less the block's offset."
 
 
-def doubts(block: Block) -> list[str]:
+def plausibility_warnings(block: Block) -> list[str]:
     """Sentences on what is probably a mistake in a block, the gravest first."""
     return [
-        *earth_doubts(block),
+        *earth_warnings(block),
         *_positions(block),
         *_pictures(block),
         # Where tie points are turned, marks are turned with them.
-        *(list(_axes(block)) or list(turned_images(block)) or _marks_of_other_pictures(block)),
+        *(list(mirrored(block)) or list(turned_images(block)) or _marks_of_other_pictures(block)),
         *_settings(block),
         *_passed_over(block),
-        *motion_doubts(block),
+        *motion_warnings(block),
     ]
 
 
@@ -206,8 +206,9 @@ def _outside(block, camera, mine, pixels) -> str:
     )
 
 
-def _axes(block: Block) -> Iterator[str]:
-    """Axes of the image coordinates, where start values tell which way they point."""
+def mirrored(block: Block) -> Iterator[str]:
+    """A sentence on axes of the image coordinates that no pose of a camera makes of the others, as
+    start values tell."""
     rows = block.tie_points
     step = max(len(rows) // 2000, 1)
     image = block.image_rows("tie_points")[::step]
@@ -231,6 +232,11 @@ def _axes(block: Block) -> Iterator[str]:
         yield (
             "Image coordinates run against the start poses in y: is y counted upwards? It is "
             "counted downwards from the centre of the top-left pixel."
+        )
+    elif xu < -_CLEAR and yv > _CLEAR:
+        yield (
+            "Image coordinates run against the start poses in x: are the pictures mirrored? x is "
+            "counted to the right from the centre of the top-left pixel."
         )
     elif xv > _CLEAR and yu > _CLEAR:
         yield (
@@ -297,7 +303,7 @@ def _positions(block: Block) -> Iterator[str]:
     centres = block.numbers("images", *"xyz")
     antenna = np.full(centres.shape, np.nan)
     antenna[block.image_rows("gnss")] = block.numbers("gnss", *"xyz")
-    told = against("gnss.csv", antenna, "images.csv", centres) or _displaced(
+    told = position_difference("gnss.csv", antenna, "images.csv", centres) or _displaced(
         block, antenna, centres
     )
     if told:
@@ -338,7 +344,7 @@ def _median_apart(given: np.ndarray, known: np.ndarray) -> float:
     return float(np.median(np.linalg.norm(away, axis=1))) if len(away) >= _FEWEST else np.inf
 
 
-def against(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
+def position_difference(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
     """What is wrong with positions (n, 3) beside those of the same images; empty where nothing is.
 
     file, other: where they stand. Rows with NaN are left out.
@@ -377,7 +383,7 @@ def against(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
     return ""
 
 
-def unlike(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
+def position_disagreement(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
     """A sentence where positions (n, 3) go ways of their own beside those of the same images."""
     both = np.isfinite(given).all(axis=1) & np.isfinite(known).all(axis=1)
     if both.sum() < 4:
@@ -396,7 +402,9 @@ def unlike(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
     )
 
 
-def stray(given: np.ndarray, other: str, known: np.ndarray, images: Sequence[str]) -> str:
+def position_outliers(
+    given: np.ndarray, other: str, known: np.ndarray, images: Sequence[str]
+) -> str:
     """A sentence on the few images whose two positions (n, 3) lie apart where the others' agree.
 
     other: where `known` stands. What is less than a metre, or than start poses miss, is not told.

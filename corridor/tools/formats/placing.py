@@ -37,7 +37,7 @@ from corridor.core.preparation import (
     Witness,
     paired_speeds,
     record_derived,
-    velocity_doubts,
+    velocity_warnings,
 )
 from corridor.tools.formats.control import moved_by
 from corridor.tools.formats.ground import in_frame
@@ -336,7 +336,7 @@ def _with_velocities(project: Project, velocity: np.ndarray, source: str) -> Pro
     columns = dict(zip(VELOCITY, velocity.T, strict=True))
     made = project.having(notes=[told], images=_having(project, **columns))
     block = replace(made.block, extra=dict(made.block.extra))
-    doubts, pairs = velocity_doubts(block), paired_speeds(block)
+    doubts, pairs = velocity_warnings(block), paired_speeds(block)
     if doubts:
         witness = Witness("positions and times", CONTRADICTS, doubts[0])
     elif len(pairs.told) < _LEAST_PAIRS:

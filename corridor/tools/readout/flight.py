@@ -15,7 +15,7 @@ from corridor.core.block import Block, read
 from corridor.core.camera import Camera
 from corridor.core.effects import Effect, Images, every_effect
 from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.core.geometry import by_contrasts, honest
+from corridor.core.geometry import cluster_robust_sigma, sigma_by_test
 from corridor.core.output import Progress, telling
 from corridor.core.photographs import global_shutter, of_picture, published_readouts
 from corridor.core.preparation import prepare, strips_of
@@ -79,8 +79,8 @@ def readout_from_flight(
         say("leaving out one strip in turn", 0.5 + 0.4 * number / len(groups), 1.0)
         left.append(Left(strip, len(rows), *_without(adjustment, rows)))
     without = [one.readout for one in left], [one.sigma for one in left]
-    by_strips, free = by_contrasts(readout, formal, *without)
-    sigma = honest(formal, by_strips, free)
+    by_strips, free = cluster_robust_sigma(readout, formal, *without)
+    sigma = sigma_by_test(formal, by_strips, free)
     counsel = None
     if advise:
         say("looking for photographs that would help", 0.9, 1.0)

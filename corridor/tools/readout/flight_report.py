@@ -60,8 +60,8 @@ class FlightReadout:
     camera: its name. told: whether the flight tells it; reasons: sentences, why not.
     readout, sigma: by the flight, one sigma, all included: the formal one (noise, errors and delay
         of the velocities, turns that nobody wrote down), or what the strips show when each is
-        left out (`geometry.by_contrasts`), where that contradicts it. formal, jackknife: either
-        alone. left: without each strip. eight, eight_sigma: with b1 = b2 = 0.
+        left out (`geometry.cluster_robust_sigma`), where that contradicts it. formal, jackknife:
+        either alone. left: without each strip. eight, eight_sigma: with b1 = b2 = 0.
     delay: by which the speeds were written late, s, with its sigma. motion: of the images, in the
         order of images.csv, with what it is off as the pictures say. turns: of a block with
         rates.csv, else None.

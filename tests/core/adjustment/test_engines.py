@@ -16,7 +16,7 @@ from with_effects import EVERY, OF_RIGS, ONE, at_scale, flown, started
 
 import corridor
 from corridor.core.adjustment import Covariance, Design, LinearSystem, Loss, Sets, make_problem
-from corridor.core.adjustment.regression import point_gains
+from corridor.core.adjustment.regression import point_regression
 from corridor.core.effects import every_effect
 from corridor.core.engine import interface
 from corridor.core.errors import InputError
@@ -203,7 +203,7 @@ def passed(block):
     step = 1e-3 * rng.normal(size=(len(system.columns), 3))
     right = design.right(Sets(image, control))
     sets, moved, square = design.back(Sets(image, control), step)
-    gains = point_gains(system, np.arange(0, len(problem.ptr) - 1, 3))
+    gains = point_regression(system, np.arange(0, len(problem.ptr) - 1, 3))
     return right, np.array(sets.image), sets.control, moved, square, gains.own, gains.gain.toarray()
 
 

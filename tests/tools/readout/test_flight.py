@@ -10,7 +10,7 @@ import scipy.stats
 import corridor
 from benchmarks.readout_flight import measured, survey
 from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.core.geometry import by_contrasts, honest, jackknife
+from corridor.core.geometry import cluster_robust_sigma, jackknife, sigma_by_test
 from corridor.core.preparation import strips_of, unrounded
 from corridor.interface.cli import main
 from corridor.tools.readout import published_value, readout_from_flight, save_flight, use
@@ -43,7 +43,10 @@ class TestOneSigma:
         whole = value @ weight
         left = (whole[:, None] - weight * value) / (1 - weight)
         sigma = 1 / np.sqrt(1 - weight)
-        found = [by_contrasts(*one, sigma) for one in zip(whole, np.ones(4000), left, strict=True)]
+        found = [
+            cluster_robust_sigma(*one, sigma)
+            for one in zip(whole, np.ones(4000), left, strict=True)
+        ]
         variance, free = np.mean([one**2 for one, _ in found]), found[0][1]
         assert variance == pytest.approx(1.0, abs=3 * np.sqrt(2 / free / 4000))
         assert free == pytest.approx(1 / (weight**2).sum() - 1)
@@ -53,13 +56,14 @@ class TestOneSigma:
         """The share of each is 1 / q: both are (q - 1) / q times the sum of squared moves."""
         x = np.array([1.0, 4.0, 2.0, 8.0, 5.0])
         without = [np.delete(x, k).mean() for k in range(5)]
-        found, free = by_contrasts(x.mean(), 1.0, without, np.full(5, np.sqrt(5 / 4)))
+        found, free = cluster_robust_sigma(x.mean(), 1.0, without, np.full(5, np.sqrt(5 / 4)))
         assert found == pytest.approx(jackknife(without)) and free == pytest.approx(4.0)
 
     def test_strips_count_where_they_contradict_the_formal_one(self):
         """Chi-square of 4 degrees of freedom, 95 per cent: 9.488, so 1.54 times the sigma."""
-        assert honest(1.0, np.nan, 0) == honest(1.0, 0.3, 4) == honest(1.0, 1.53, 4) == 1.0
-        assert honest(1.0, 1.55, 4) == 1.55
+        for by_strips, free in ((np.nan, 0), (0.3, 4), (1.53, 4)):
+            assert sigma_by_test(1.0, by_strips, free) == 1.0
+        assert sigma_by_test(1.0, 1.55, 4) == 1.55
 
 
 class TestTheFlightOfADike:

@@ -24,8 +24,8 @@ class ControlTilt(LinearEffect):
 
     def parameters(self, block):
         return [
-            Parameter("east", "1", scale=2e-4, text="metres up a metre to the east"),
-            Parameter("north", "1", scale=2e-4, text="metres up a metre to the north"),
+            Parameter("east", "1", scale=2e-4, text="metres up a metre to the east", most=1e-3),
+            Parameter("north", "1", scale=2e-4, text="metres up a metre to the north", most=1e-3),
         ]
 
     def derivative(self, context):

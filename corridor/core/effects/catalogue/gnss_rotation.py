@@ -21,7 +21,7 @@ class GnssRotation(LinearEffect):
     unobservable_when = "no control: the whole block turns with its GNSS"
 
     def parameters(self, block):
-        return [Parameter("z", "rad", scale=3e-4, text="anticlockwise from above")]
+        return [Parameter("z", "rad", scale=3e-4, text="anticlockwise from above", most=0.06)]
 
     def derivative(self, context):
         """The measured antenna moves by z x (C - M), M the middle of the stated centres."""

@@ -10,7 +10,7 @@ from corridor.core.block import RHO
 from corridor.core.brief import brief
 from corridor.core.errors import InputError
 from corridor.core.gnss.interpolation import polynomials, regimes, roughness, smoother
-from corridor.core.gnss.interpolation.blunders import singular_epochs, wild_epochs
+from corridor.core.gnss.interpolation.blunders import blunder_epochs, singular_epochs
 from corridor.core.gnss.interpolation.segmenting import segments
 from corridor.core.options import options
 
@@ -126,7 +126,7 @@ def interpolate(
     times = np.asarray(times, dtype=float).reshape(-1)
     pieces = segments(track)
     notes: list[str] = []
-    wild = wild_epochs(track, pieces)
+    wild = blunder_epochs(track, pieces)
     if wild:
         notes.append(_of_wild(track, wild))
         track = track.drop(track.index[list(wild)]).reset_index(drop=True)
@@ -417,7 +417,7 @@ def _of_scatter(found, pieces):
     for row in found[found["scale"] > _CONTRADICTS].itertuples():
         rate = 1 / pieces["interval_s"].iloc[row.segment]
         text = (
-            f"piece {row.segment + 1}, {row.group}: neighbouring epochs scatter {row.scale:.1f} "
+            f"segment {row.segment + 1}, {row.group}: neighbouring epochs scatter {row.scale:.1f} "
             "times as much as their sigmas say, which is used"
         )
         if row.unresolved_m > 0.5 * row.sigma_m * np.sqrt(1 - row.scale**-2.0):
@@ -442,7 +442,7 @@ def _of_shaken(found, pieces):
 def _of_noise(found, stated, slow_share):
     notes = []
     for row in found.itertuples():
-        where = f"piece {row.segment + 1}, {row.group}"
+        where = f"segment {row.segment + 1}, {row.group}"
         if not stated:
             notes.append(
                 f"{where}: the track states no standard deviations; its scatter gives "

@@ -46,7 +46,7 @@ _BLOCK, _BLOCKS = 200, 12
 _CALM_S, _WANDER = 5.0, 1.5
 # A float ambiguity is wrong by nearly the same from epoch to epoch.
 _WORSE = 0.95
-FEWEST = 12
+FEWEST_EPOCHS = 12
 
 
 class Epochs(NamedTuple):
@@ -193,7 +193,7 @@ def fit(epochs: Epochs, share: float | None) -> Model:
         that are not stated follow from third differences.
     """
     n = len(epochs.time)
-    if n < FEWEST:
+    if n < FEWEST_EPOCHS:
         unknown_velocity = epochs.velocity is not None and epochs.velocity_sigma is None
         scale = 1.0
         if not epochs.stated and n > 3:

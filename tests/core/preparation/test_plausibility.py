@@ -3,10 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import corridor
-from corridor.core.preparation.plausibility import doubts
+from corridor.core.preparation.plausibility import plausibility_warnings
+from corridor.core.preparation.plausibility_of_motion import _disordered
 
 DIKE = Path(__file__).parents[3] / "data_synthetic" / "dike"
 
@@ -24,7 +26,7 @@ def with_keys(block, of_block, of_camera):
 
 
 def unknown(block):
-    return [doubt for doubt in doubts(block) if "not known to corridor" in doubt]
+    return [doubt for doubt in plausibility_warnings(block) if "not known to corridor" in doubt]
 
 
 def test_keys_that_an_import_writes_are_not_called_unknown(dike):
@@ -48,9 +50,23 @@ def test_positions_of_other_images_are_told_with_how_many_places(dike, places, t
     own = gnss.set_index(gnss["image"].astype(str))[["x", "y", "z"]]
     gnss[["x", "y", "z"]] = own.loc[[other[name] for name in gnss["image"].astype(str)]].to_numpy()
     block.gnss = gnss
-    (sentence,) = [one for one in doubts(block) if "gives each image" in one]
+    (sentence,) = [one for one in plausibility_warnings(block) if "gives each image" in one]
     assert f"the position of the {told} it" in sentence
 
 
 def test_positions_of_their_own_images_are_not_called_those_of_others(dike):
-    assert not [one for one in doubts(dike) if "gives each image" in one]
+    assert not [one for one in plausibility_warnings(dike) if "gives each image" in one]
+
+
+def test_times_of_each_other_are_told_where_names_lie_in_order(dike):
+    block = dike.copy()
+    time = block.images["time_s"].to_numpy()
+    block.images = block.images.assign(time_s=np.random.default_rng(1).permutation(time))
+    told = [one for one in plausibility_warnings(block) if "jumps to and fro" in one]
+    assert len(told) == len(block.flight_names)
+    assert all("each other's times" in one for one in told)
+    # Names of chance lie in no order: then nothing tells which of the two is right.
+    names = [f"{n:08x}" for n in np.random.default_rng(2).integers(0, 2**31, len(time))]
+    new = dict(zip(block.images["image"].astype(str), names, strict=True))
+    block.images["image"] = [new[one] for one in block.images["image"].astype(str)]
+    assert not list(_disordered(block))
