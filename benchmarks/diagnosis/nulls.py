@@ -35,8 +35,8 @@ from corridor import Adjustment, Block
 from corridor.core.adjustment import Model, adjustable_part
 from corridor.core.output import whole_file, write_json
 from corridor.core.preparation import prepare
+from corridor.diagnosis.forward_selection import Question, course_of
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.rounds import Question, course_of
 from corridor.diagnosis.settings import changed
 from corridor.diagnosis.verification.halves import compare_halves
 

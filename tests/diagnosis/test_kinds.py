@@ -20,9 +20,9 @@ from corridor.diagnosis import Settings, diagnose
 from corridor.diagnosis.evidence.scores import as_spread
 from corridor.diagnosis.evidence.search import Found
 from corridor.diagnosis.findings.verdict import _changes
+from corridor.diagnosis.forward_selection import _without_motion
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.report.sentence import _off, _still_off
-from corridor.diagnosis.rounds import _without_motion
 from corridor.diagnosis.system.elimination import Elimination
 from corridor.diagnosis.system.equations import equations
 from corridor.diagnosis.system.groups import Group

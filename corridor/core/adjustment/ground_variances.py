@@ -71,7 +71,7 @@ def _of_marks(result: Adjustment) -> float:
     the residuals is left what no other place of the point takes up.
     """
     table, p = result.residuals["mark"], result.problem
-    if not result.converged or not len(table):
+    if not result.converged or not len(table) or not len(result.start.ground):
         return 1.0
     at = where_seen(result.start, result.pose)
     number = places(table["point"].astype(str), result.start.ground["point"].astype(str))
