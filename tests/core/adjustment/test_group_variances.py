@@ -145,7 +145,7 @@ class TestWhatAllShare:
         block.lever_arm, block.lever_arm_fixed = {"default": (0.0, 0.0, 0.0)}, True
         block.gnss[["x", "y", "z"]] += np.array(vector, float)
         found = corridor.adjust(block, effects=["control_blunder"])
-        assert any("no blunder of single points but a datum" in s for s in found.warnings)
+        assert any("the datum is wrong, not single points" in s for s in found.warnings)
 
 
 class TestSurveyedTogether:
