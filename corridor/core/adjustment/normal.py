@@ -377,7 +377,7 @@ class Normal:
         """
         modelled = self._start() if near is None else near.copy()
         plain = out is not None
-        out = out if plain else np.zeros((0, 2))
+        into = np.zeros((0, 2)) if out is None else out
         for _ in range(PASSES if self.has_image_effects else 1):
             before = modelled.pixel[:, :2].copy()
             totals = np.zeros((len(self.pieces), 2))
@@ -391,7 +391,7 @@ class Normal:
                             weight=np.ones(1), skewed=np.zeros((0, 3))
                         )
                         scene = scene._replace(observations=unweighted, loss=Loss())
-                    totals[piece] += self.engine.residuals(first, last, scene, out)
+                    totals[piece] += self.engine.residuals(first, last, scene, into)
 
             self.pieces.run(work)
             if not _farthest(modelled.pixel[:, :2], before) > within:

@@ -32,9 +32,9 @@ try:
     from numba.core.extending import _Intrinsic
 except ImportError:
     # What is compiled elsewhere runs as it is written; of engines there is `plain` alone.
-    CPUTargetOptions = Dispatcher = None
+    CPUTargetOptions = Dispatcher = None  # type: ignore[assignment, misc]
 
-    def njit(**options: Any) -> Callable:
+    def njit(**options: Any) -> Callable:  # type: ignore[no-redef]
         """A decorator that leaves a function as it is."""
         return lambda function: function
 

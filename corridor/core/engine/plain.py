@@ -211,21 +211,12 @@ def _robust(loss, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 # --- Jacobian rows --------------------------------------------------------------------------------
 
 
-class _Rows(NamedTuple):
-    """Weighted rows of n rays: residual (n, 2), own (n, 2, d) by the image, shared (n, 2, wide),
-    point (n, 2, 3)."""
+def _rows(seen: _Seen, base: int, scene: Scene, d: int) -> tuple[np.ndarray, ...]:
+    """Weighted rows of n rays: own (n, 2, d) by the image, shared (n, 2, wide), point (n, 2, 3).
 
-    seen: _Seen
-    residual: np.ndarray
-    own: np.ndarray
-    shared: np.ndarray
-    point: np.ndarray
-
-
-def _rows(first: int, last: int, scene: Scene, d: int) -> _Rows:
-    seen = _see(first, last, scene)
+    base: the first of them in what effects say of rays.
+    """
     n, columns, effects = len(seen.image), scene.columns, scene.derivatives
-    base = scene.observations.start[first] - scene.looked.base
     # What is not moved by a camera goes through the slope as pixels do.
     slope = seen.weight[:, None, None] * seen.slope
     point = seen.by @ seen.rotation
@@ -253,7 +244,7 @@ def _rows(first: int, last: int, scene: Scene, d: int) -> _Rows:
         sight = slope @ effects.sight[base : base + n]
         own[:, :, :6] += sight[:, :, :6]
         point = point + sight[:, :, 6:]
-    return _Rows(seen, seen.residual, own, shared, point)
+    return own, shared, point
 
 
 def _by_interior(seen: _Seen) -> np.ndarray:
@@ -305,16 +296,20 @@ def _inverse_root(v: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 class _Points:
-    """Points first..last with their rows: V, and sums over the rays of each."""
+    """Points first..last with the rows of their rays (`_rows`), V, and sums over the rays of each.
 
-    def __init__(self, first: int, last: int, scene: Scene, rows: _Rows):
+    start (count + 1,): where the rays of each begin; of_ray (n,): the point of each ray.
+    """
+
+    def __init__(self, first: int, last: int, scene: Scene, d: int):
         start = scene.observations.start[first : last + 1]
-        self.count, self.rows = last - first, rows
-        self.start = start - start[0]
-        #: Number of each ray's point.
+        self.count, self.start = last - first, start - start[0]
         self.of_ray = np.repeat(np.arange(self.count), np.diff(start))
-        self.v = self.sum(rows.point.transpose(0, 2, 1) @ rows.point)
-        self.residual = self.sum(_times(rows.point.transpose(0, 2, 1), rows.residual))
+        self.seen = _see(first, last, scene)
+        self.own, self.shared, self.point = _rows(self.seen, start[0] - scene.looked.base, scene, d)
+        self.across = self.point.transpose(0, 2, 1)
+        self.v = self.sum(self.across @ self.point)
+        self.residual = self.sum(_times(self.across, self.seen.residual))
         # Ground control: the points (k,) that are, their weight W = G'G, what is left of them.
         given = scene.control.row[first:last]
         self.given = np.flatnonzero(given >= 0)
@@ -351,11 +346,11 @@ class _Points:
 
     def images_part(self, inverse: np.ndarray) -> np.ndarray:
         """Y, ray by ray: L^-1 P'J (n, 3, d)."""
-        return inverse[self.of_ray] @ (self.rows.point.transpose(0, 2, 1) @ self.rows.own)
+        return inverse[self.of_ray] @ (self.across @ self.own)
 
     def shared_part(self, inverse: np.ndarray) -> np.ndarray:
         """Z: L^-1 P'B (count, 3, wide)."""
-        by = self.sum(self.rows.point.transpose(0, 2, 1) @ self.rows.shared)
+        by = self.sum(self.across @ self.shared)
         by[self.given] += self.weighted(self.ground)
         return inverse @ by
 
@@ -406,18 +401,19 @@ class Plain:
     def rows(
         self, first: int, last: int, scene: Scene, row: np.ndarray, weight: np.ndarray
     ) -> Rays:
-        rows = _rows(first, last, scene, self.d)
-        points, n = _Points(first, last, scene, rows), 2 * len(rows.residual)
-        v = points.sum(rows.point.transpose(0, 2, 1) @ rows.point) + _full(weight)
-        flat = (x.reshape(n, -1) for x in (rows.own, rows.point, rows.shared))
-        return Rays(rows.seen.image, points.start, *flat, _inverse_root(v)[0][:, *_LOWER], row)
+        points = _Points(first, last, scene, self.d)
+        v = points.sum(points.across @ points.point) + _full(weight)
+        n = 2 * len(points.of_ray)
+        own, point, shared = (x.reshape(n, -1) for x in (points.own, points.point, points.shared))
+        root = _inverse_root(v)[0][:, *_LOWER]
+        return Rays(points.seen.image, points.start, own, point, shared, root, row)
 
     def assemble(
         self, first: int, last: int, scene: Scene, damping: float, into: Equations
     ) -> np.ndarray:
         d, wide = self.d, scene.columns.wide
-        rows = _rows(first, last, scene, d)
-        points, seen = _Points(first, last, scene, rows), rows.seen
+        points = _Points(first, last, scene, d)
+        seen = points.seen
         inverse, weak = points.damped(damping)
         y, back = points.images_part(inverse), inverse.transpose(0, 2, 1)
         # By how much points follow a unit of what is shared, and the residuals: L^-T Z, L^-T n.
@@ -426,21 +422,22 @@ class Plain:
         # J (rays, unknowns of images) and Y (points, the same), in three and two rows each.
         size = len(scene.cameras.pose) * d
         column = seen.image[:, None] * d + np.arange(d)
-        J = _sparse(rows.own, 2 * np.arange(len(column)), column, (2 * len(column), size))
+        J = _sparse(points.own, 2 * np.arange(len(column)), column, (2 * len(column), size))
         Y = _sparse(y, 3 * points.of_ray, column, (3 * points.count, size))
         # Control has three rows a point, of what is shared alone. What points follow is gone.
         ground, at = points.root @ points.ground, points.of_ray
-        B = np.concatenate([rows.shared.reshape(-1, wide), ground.reshape(-1, wide)])
-        of_rays = rows.shared - rows.point @ follow[at]
+        B = np.concatenate([points.shared.reshape(-1, wide), ground.reshape(-1, wide)])
+        of_rays = points.shared - points.point @ follow[at]
         of_ground = ground - points.root @ follow[points.given]
         of_rays, of_ground = of_rays.reshape(-1, wide), of_ground.reshape(-1, wide)
-        left = (rows.residual - _times(rows.point, move[at])).ravel()
+        left = (points.seen.residual - _times(points.point, move[at])).ravel()
         left_ground = _times(points.root, points.left - move[points.given]).ravel()
         into.gradient[:size] += J.T @ left
         into.shared_gradient[:] += B.T @ np.concatenate([left, left_ground])
         if into.matrix:
             lower = tril(J.T @ J - Y.T @ Y).tocoo()
-            at = into.storage.entries(*(x.astype(np.int64) for x in (lower.row, lower.col)), d)
+            row, column = lower.row.astype(np.int64), lower.col.astype(np.int64)
+            at = into.storage.entries(row, column, d)
             into.storage.flat[at] += lower.data
             into.diagonal[:size] += (J.multiply(J)).sum(axis=0)
             into.cross[: size * wide] += (J.T @ of_rays).ravel()
@@ -454,12 +451,11 @@ class Plain:
     def substitute(
         self, first: int, last: int, scene: Scene, damping: float, step: Step, moved: np.ndarray
     ) -> np.ndarray:
-        rows = _rows(first, last, scene, self.d)
-        points = _Points(first, last, scene, rows)
+        points = _Points(first, last, scene, self.d)
         m = len(scene.cameras.pose)
-        own = step.poses[: m * self.d].reshape(m, self.d)[rows.seen.image]
-        left = rows.residual - _times(rows.own, own) - rows.shared @ step.shared
-        left = points.sum(_times(rows.point.transpose(0, 2, 1), left))
+        own = step.poses[: m * self.d].reshape(m, self.d)[points.seen.image]
+        left = points.seen.residual - _times(points.own, own) - points.shared @ step.shared
+        left = points.sum(_times(points.across, left))
         inverse, _ = points.damped(damping)
         half = _times(inverse, points.towards(left, points.left - points.ground @ step.shared))
         down = _times(inverse, points.towards(points.residual, points.left))
@@ -509,14 +505,13 @@ class Plain:
         self, first: int, last: int, scene: Scene, known: Inverse, asked: Asked
     ) -> None:
         d, q = self.d, known.q
-        rows = _rows(first, last, scene, d)
-        points = _Points(first, last, scene, rows)
+        points = _Points(first, last, scene, d)
         inverse, _ = points.damped(0.0)
         y, z = points.images_part(inverse), points.shared_part(inverse)[:, :, :q]
         shared = known.shared.reshape(q, q)
         across = known.poses_shared.reshape(len(scene.cameras.pose), d, q)
         # Of Y and Z together with what is shared (count, 3, q).
-        with_shared = points.sum(y @ across[rows.seen.image]) + z @ shared
+        with_shared = points.sum(y @ across[points.seen.image]) + z @ shared
         number = asked.number[first:last]
         some = np.flatnonzero(number >= 0)
         found = -inverse.transpose(0, 2, 1) @ with_shared[:, :, asked.columns]
@@ -525,13 +520,15 @@ class Plain:
             return
         size = np.diff(points.start)
         middle = np.eye(3) + with_shared @ z.transpose(0, 2, 1)
-        middle = middle + z @ points.sum(y @ across[rows.seen.image]).transpose(0, 2, 1)
+        middle = middle + z @ points.sum(y @ across[points.seen.image]).transpose(0, 2, 1)
         for m in np.unique(size[size > 0]).tolist():
             every = np.flatnonzero(size == m)
             step = max(_AT_ONCE // (m * d) ** 2, 1)
             for at in (every[k : k + step] for k in range(0, len(every), step)):
                 rays = points.start[at][:, None] + np.arange(m)
-                unknown = (rows.seen.image[rays][:, :, None] * d + np.arange(d)).reshape(-1, m * d)
+                unknown = (points.seen.image[rays][:, :, None] * d + np.arange(d)).reshape(
+                    -1, m * d
+                )
                 q_own = known.near.symmetric(unknown[:, :, None], unknown[:, None], d)
                 y_own = y[rays].transpose(0, 2, 1, 3).reshape(-1, 3, m * d)
                 middle[at] += y_own @ q_own @ y_own.transpose(0, 2, 1)
