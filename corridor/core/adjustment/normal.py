@@ -125,7 +125,6 @@ class Normal:
         )
         self.assembled: View | None = None
         self.held = np.zeros((0, 2), dtype=np.int64)
-        self.pin_weight = np.zeros(0)
 
     @cached_property
     def blocks(self) -> Band | Sparse:
