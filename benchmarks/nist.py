@@ -16,6 +16,7 @@ from corridor.core.adjustment.matrix import Band, Bordered, Singular
 from corridor.core.adjustment.model import EFFECT, Loss
 from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.unknowns import State, Unknown
+from corridor.core.engine.interface import engine
 
 FOLDER = Path(__file__).parent / "nist_strd"
 exp = np.exp
@@ -133,7 +134,7 @@ class Curve:
     def factor(self):
         if not np.isfinite(self.block).all():
             raise Singular(shared=0)
-        image = Band(1, 6, 1, 1)
+        image = Band(1, 6, 1, 1, engine()(6, 1, False))
         image.add_diagonal(np.ones((1, 6)))
         cross = np.zeros((6, self.problem.unknown_count))
         return Bordered(image, cross, self.block, self.shared_reference, self.reference)

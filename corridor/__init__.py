@@ -25,7 +25,7 @@ _HOME = {
     "adjust": "adjustment",
     "diagnose": "diagnosis",
     "check_project": "check",
-    "batch": "campaign",
+    "batch": "batches",
     "simulate": "simulation",
     "plan": "planning",
     "correct": "effects",

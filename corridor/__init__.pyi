@@ -35,7 +35,7 @@ from corridor.tools import certificate as certificate
 from corridor.tools import data as data
 from corridor.tools import readout as readout
 from corridor.tools import thermal as thermal
-from corridor.tools.batch import Campaign as Campaign
+from corridor.tools.batch import BatchResult as BatchResult
 from corridor.tools.certificate import Verified as Verified
 from corridor.tools.change import Change as Change
 from corridor.tools.change import Comparison as Comparison
@@ -70,7 +70,7 @@ def diagnose(block: Block | str | os.PathLike, camera: str | Iterable[str] | Map
 
 def check_project(project: str | os.PathLike, output: str | os.PathLike, *, form: str = ..., required: float | None = ..., added: dict[str, Any] | None = ..., diagnose: bool = ..., certificate: str | None = ..., threads: int = ..., progress: Callable[[Progress], None] | None = ...) -> Checked: ...
 
-def batch(verb: str, blocks: str | os.PathLike | Iterable[str | os.PathLike], output: str | os.PathLike, jobs: int | None = ..., cluster: str | None = ..., memory_gb: float | None = ..., progress: Callable[[Progress], None] | None = ..., **options: Any) -> Campaign: ...
+def batch(verb: str, blocks: str | os.PathLike | Iterable[str | os.PathLike], output: str | os.PathLike, jobs: int | None = ..., cluster: str | None = ..., memory_gb: float | None = ..., progress: Callable[[Progress], None] | None = ..., **options: Any) -> BatchResult: ...
 
 def simulate(plan: Plan | str | os.PathLike, effects: Mapping[str, Mapping] | None = ..., seed: int = ..., *, noise: Noise | Mapping | str | None = ..., start: Start | Mapping | None = ..., progress: Callable[[Progress], None] | None = ...) -> Simulated: ...
 

@@ -1,5 +1,6 @@
 """What `import corridor` offers: a function for each command, and what one types first."""
 
+import re
 import subprocess
 import sys
 from importlib import import_module
@@ -11,7 +12,8 @@ import corridor
 from corridor.core import registry
 from corridor.core.effects import every_effect
 
-DIKE = Path(__file__).parents[1] / "data_synthetic" / "dike"
+ROOT = Path(__file__).parents[1]
+DIKE = ROOT / "data_synthetic" / "dike"
 
 
 def test_every_command_has_a_function_or_a_room():
@@ -98,3 +100,13 @@ def test_a_camera_of_one_number_is_refused_and_told_how_to_be_made():
         corridor.Camera("phone", 1600, 1200, 1500.0)
     made = corridor.Camera.from_table("phone", {"width": 1600, "height": 1200, "f": 1500.0})
     assert made["f"] == 1500.0
+
+
+def test_words_of_the_code_in_the_glossary_are_words_of_the_code():
+    """A name that is changed in one place and not in the other leads nowhere."""
+    text = (ROOT / "docs" / "pages" / "glossary.md").read_text(encoding="utf-8")
+    told = re.findall(r"\(([^()]*) in the code", text)
+    named = {word for words in told for word in re.findall(r"`(\w+)`", words)}
+    files = (ROOT / "corridor").rglob("*.py")
+    used = set(re.findall(r"\w+", " ".join(file.read_text(encoding="utf-8") for file in files)))
+    assert len(named) > 3 and named <= used

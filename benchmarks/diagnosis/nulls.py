@@ -32,11 +32,11 @@ from benchmarks.diagnosis.real_noise import surveys
 from benchmarks.guarantees import table
 from benchmarks.ladder import Dirt, made
 from corridor import Adjustment, Block
-from corridor.core.adjustment import Model, sound_part
+from corridor.core.adjustment import Model, adjustable_part
 from corridor.core.output import whole_file, write_json
 from corridor.core.preparation import prepare
+from corridor.diagnosis.forward_selection import Question, course_of
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.rounds import Question, course_of
 from corridor.diagnosis.settings import changed
 from corridor.diagnosis.verification.halves import compare_halves
 
@@ -46,7 +46,7 @@ PARTS = ("s10_s11", "s12_s13", "even_s10_s11_s12", "pair")
 
 def asked(block: Block, seed: int) -> dict:
     """What a block from which nothing is missing says of itself."""
-    sound, _ = sound_part(prepare(block).block, Model(), False)
+    sound, _ = adjustable_part(prepare(block).block, Model(), False)
     believed = ReferenceModel.of(sound, Model())
     with changed(most_refits=0):
         course = course_of(believed, Question(seed=seed))

@@ -33,8 +33,8 @@ from corridor.core.effects import every_effect
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.output import plain, whole_file, write_json
 from corridor.core.preparation import prepare
+from corridor.diagnosis.forward_selection import Question, Round, course_of
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.rounds import Question, Round, course_of
 from corridor.diagnosis.settings import Settings, changed
 
 # A value is right within so many of its stated sigmas.

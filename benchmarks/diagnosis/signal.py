@@ -33,8 +33,8 @@ from corridor.core import adjustment
 from corridor.core.adjustment import Adjustment, Model
 from corridor.core.block import Block
 from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.diagnosis.evidence.beside_noise import NoiseModel
 from corridor.diagnosis.evidence.evidence import Evidence
+from corridor.diagnosis.evidence.profile_likelihood import NoiseModel
 from corridor.diagnosis.findings.verdict import refines
 from corridor.diagnosis.noise.likelihood import estimate, value_of
 from corridor.diagnosis.reference import ReferenceModel

@@ -10,17 +10,19 @@ import ast
 import importlib
 import sys
 import warnings
+from collections.abc import Mapping
 from functools import cache
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 # Folders of rooms, the lowest first.
 _FLOORS = ("core", "tools", "interface")
 # Public names of rooms whose folder is called otherwise.
-_FOLDERS = {"interchange": "formats", "campaign": "batch"}
+_FOLDERS = {"interchange": "formats", "batches": "batch"}
 # Another package offers verbs by entry points of this group: NAME = "its.module".
 VERBS = "corridor.verbs"
 _HERE = Path(__file__).parents[1]
@@ -107,6 +109,18 @@ class _Called(MetaPathFinder, Loader):
 
     def exec_module(self, module):
         module.__spec__ = module.__spec__.loader_state
+
+
+def offered(room: Mapping[str, Any]) -> list[str]:
+    """The names that a room's `__init__` imports for others, sorted: its `__all__`.
+
+    room: its `globals()`. Modules and private names are not among them.
+    """
+    return sorted(
+        name
+        for name, value in room.items()
+        if not (name.startswith("_") or isinstance(value, ModuleType) or value is offered)
+    )
 
 
 def answer_to_public_names() -> None:

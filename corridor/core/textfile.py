@@ -55,6 +55,15 @@ def number(text: str, path: Path, line: int, what: str, count: str = "line") -> 
     )
 
 
+def says_number(word: str) -> bool:
+    """Whether a word is a number, finite or not."""
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
+
+
 def numbers(words: list[str], path: Path, line: int, what: str) -> np.ndarray:
     """float64 of words, all finite. Raises InputError naming the first that is no number."""
     try:

@@ -9,7 +9,7 @@ that is, what it does to data that the fit has not used, and what could not be t
     system/         its linear system with a column for each candidate, all else eliminated
     noise/          noise of the pictures and of the antenna positions
     evidence/       how likely groups of candidates are, beside the lens, blunders and slow noise
-    rounds          search, add, adjust, search again
+    forward_selection  search, add, adjust, search again
     findings/       what that amounts to: values, places, the verdict
     verification/   what data that no fit has used say of it
     anomalies/      noise that changes, and matches that go wrong together
@@ -17,23 +17,23 @@ that is, what it does to data that the fit has not used, and what could not be t
     settings        every number that decides, with unit and source
 
 `counterparts(adjustment)` simulates the measured block again and again from the believed model
-(replicates/); `compare` holds the measured one beside them, `Closing` the comparison before and
+(bootstrap/); `compare` holds the measured one beside them, `Closing` the comparison before and
 after an effect is added. `counterpart` gives one of them as a block.
 """
 
 from corridor.core.effects import candidates
+from corridor.diagnosis.bootstrap.comparison import Closing, Compared, Comparison, compare
+from corridor.diagnosis.bootstrap.counterparts import Counterparts, counterparts, measure
+from corridor.diagnosis.bootstrap.replicate_block import counterpart
+from corridor.diagnosis.bootstrap.replicator import EstimatedNoise
+from corridor.diagnosis.bootstrap.statistics import Statistic
 from corridor.diagnosis.diagnosing import Diagnosis, diagnose
 from corridor.diagnosis.evidence.confusability import confusability
 from corridor.diagnosis.evidence.evidence import Evidence
+from corridor.diagnosis.forward_selection import Course, Round
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.replicates.comparison import Closing, Compared, Comparison, compare
-from corridor.diagnosis.replicates.counterparts import Counterparts, counterparts, measure
-from corridor.diagnosis.replicates.replicate_block import counterpart
-from corridor.diagnosis.replicates.replicator import EstimatedNoise
-from corridor.diagnosis.replicates.statistics import Statistic
 from corridor.diagnosis.report import check_output
 from corridor.diagnosis.report.corrected import corrected
-from corridor.diagnosis.rounds import Course, Round
 from corridor.diagnosis.settings import Settings
 
 __all__ = [

@@ -10,26 +10,27 @@ from corridor.core.adjustment import (
     Adjustment,
     Model,
     Run,
+    adjustable_part,
     implausible,
     refit,
-    sound_part,
     with_turns_as_seen,
 )
 from corridor.core.block import Block, read, with_equal_axes, without_distances
 from corridor.core.engine.threads import one_thread
+from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.options import options
 from corridor.core.output import plain
-from corridor.core.preparation import derived, doubts, prepare
+from corridor.core.preparation import derived, mirrored, plausibility_warnings, prepare
 from corridor.diagnosis.anomalies.variance import variance_alarms
 from corridor.diagnosis.anomalies.wrong_matches import broken_picture, outlier_clusters, shows_as
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.findings.findings import Findings
 from corridor.diagnosis.findings.separation import not_separated
 from corridor.diagnosis.findings.verdict import detection_limits, findings
+from corridor.diagnosis.forward_selection import Question, course_of
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.report import actions, as_html, as_text, evidence, save, sentence
 from corridor.diagnosis.report.beside import beside
-from corridor.diagnosis.rounds import Question, course_of
 from corridor.diagnosis.settings import Settings, using
 from corridor.diagnosis.verification.halves import compare_halves
 from corridor.diagnosis.verification.held_out import check_sigmas
@@ -116,12 +117,20 @@ def _diagnose(
     block, equal = with_equal_axes(block)
     block, found, notes = prepare(block)
     notes = [*unused, *equal, *(one.sentence for one in found if one.column == "gnss"), *notes]
+    for told in mirrored(block):
+        raise InputError(f"{told} Correct tie_points.csv and marks.csv.")
     block, turned = with_turns_as_seen(block, lambda part: refit(part, model, run))
-    block, left_out = sound_part(block, model, run.strict)
-    doubtful = [*turned, *doubts(block)]
+    block, left_out = adjustable_part(block, model, run.strict)
+    doubtful = [*turned, *plausibility_warnings(block)]
     notes = [*left_out, *notes]
     believed = ReferenceModel.of(block, model, run)
-    course = course_of(believed, asked, run.say)
+    try:
+        course = course_of(believed, asked, run.say)
+    except AdjustmentFailed as error:
+        if not doubtful or str(error).startswith(doubtful[0]):
+            raise
+        # What looks wrong at first sight is the likelier cause.
+        raise AdjustmentFailed(f"{doubtful[0]} So: {error}") from None
     block, notes = believed.block, [*believed.left_out, *notes]
     run.say("measuring the gap")
     held = Verification(believed, course, findings(course), asked.seed)

@@ -92,7 +92,7 @@ class ReferenceModel:
         brief: few iterations are given, and more where the cost still falls.
         """
         most = self.run.max_iterations or SETTINGS.iterations
-        few = SETTINGS.iterations_of_shapes if brief or near else SETTINGS.iterations_asked
+        few = SETTINGS.iterations_of_shapes if brief or near else most // 5
         for iterations in (min(few, most), most):
             run = replace(self.run, max_iterations=iterations)
             result = adjustment.refit(block, model, run, near)
@@ -123,11 +123,8 @@ class ReferenceModel:
         for effect in more:
             held = effect.stands_in_for or effect.generic or effect.group in ("image", "point")
             for parameter in effect.parameters(self.block):
-                wide = (
-                    SETTINGS.prior_of_adjusted_per_image
-                    if effect.group == "image"
-                    else SETTINGS.prior_of_adjusted
-                ) * parameter.scale
+                size = 1.0 if effect.group == "image" else SETTINGS.prior_of_adjusted
+                wide = size * parameter.scale
                 sigma = min(wide if held else np.inf, parameter.most / SETTINGS.implausible_sigma)
                 if np.isfinite(sigma):
                     priors.setdefault(f"{effect.slug}.{parameter.name}", (0.0, sigma))
@@ -141,7 +138,7 @@ class ReferenceModel:
         model = replace(
             self.model.with_priors(priors),
             effects=[*self.effects, *more],
-            loss="squares" if coarse else f"cauchy:{SETTINGS.cauchy_width * self.scale!r}",
+            loss="squares" if coarse else f"cauchy:{SETTINGS.student_nu**0.5 * self.scale!r}",
         )
         if first:
             result = self._first(model)
@@ -160,7 +157,7 @@ class ReferenceModel:
 
     def _decided_by(self, result: Adjustment) -> None:
         """What the first adjustment decided holds for all that are compared with it."""
-        self.astray = result.iterations > SETTINGS.usual_iterations
+        self.astray = 2 * result.iterations > SETTINGS.iterations
         self.begun, self.scale = result.start_again, _scale(result)
         arm = "free" if result.problem.arms_free else "fixed"
         self.model = replace(self.model, lever_arm=arm)
@@ -203,4 +200,4 @@ def _scale(adjustment: Adjustment) -> float:
     system = adjustment.system
     square = (system.residuals().pixels ** 2).sum(axis=1) / system.image_rows.sigma**2
     square = square[system.image_rows.tie & np.isfinite(square)]
-    return float(np.clip(scale_of(square), *SETTINGS.stated_sigma_range)) if len(square) else 1.0
+    return float(np.clip(scale_of(square), *SETTINGS.noise_factor_range)) if len(square) else 1.0

@@ -1,5 +1,7 @@
 """Blocks with correlated measurements: counterparts are drawn with the same correlations."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from strips import corridor_block
@@ -7,9 +9,9 @@ from strips import corridor_block
 import corridor
 from corridor.core.block import RHO, with_equal_axes
 from corridor.core.errors import InputError
+from corridor.diagnosis.bootstrap.replicate_block import counterpart
+from corridor.diagnosis.bootstrap.replicator import Replicator
 from corridor.diagnosis.noise.gnss import stated_noise
-from corridor.diagnosis.replicates.replicate_block import counterpart
-from corridor.diagnosis.replicates.replicator import Replicator
 
 GNSS_RHO, CONTROL_RHO = (0.7, -0.5, -0.3), (-0.6, 0.4, 0.2)
 NOISE = {"tie_px": 0.5, "mark_px": 0.5, "gnss_m": 0.03, "control_m": 0.02}
@@ -28,7 +30,7 @@ def test_draws_have_the_correlations_of_the_block():
     adjusted = corridor.adjust(flown(gnss_rho=GNSS_RHO, control_rho=CONTROL_RHO))
     made = Replicator(adjusted)
     gnss, control = made.system.gnss, made.system.control
-    noise = made.noise.changed(gnss=stated_noise(made.system), control=1.0)
+    noise = replace(made.noise, gnss=stated_noise(made.system), control=1.0)
     errors = {"gnss": [], "control": []}
     for k in range(60):
         drawn = made.errors(made.draw(np.random.default_rng(k), noise))

@@ -8,7 +8,7 @@ from believing import believed, flown
 
 from corridor import diagnosis
 from corridor.core.effects import every_effect
-from corridor.diagnosis.replicates.statistics import Statistic
+from corridor.diagnosis.bootstrap.statistics import Statistic
 
 
 def made_up(measured, simulated, absorbed=None):

@@ -8,8 +8,8 @@ from believing import NOISE, believed, flown
 import corridor
 from corridor import diagnosis
 from corridor.core.errors import InputError
-from corridor.diagnosis.replicates.replicator import GRID, Replicator, lengths
-from corridor.diagnosis.replicates.statistics import Fit, SummaryStatistics
+from corridor.diagnosis.bootstrap.replicator import GRID, Replicator, lengths
+from corridor.diagnosis.bootstrap.statistics import Fit, SummaryStatistics
 from corridor.diagnosis.settings import SETTINGS
 
 
@@ -106,7 +106,7 @@ class TestHeldOut:
         out = np.bincount(rows.point, model.held_out)
         rays = np.bincount(rows.point)
         assert out.max() == 1
-        assert (rays - out)[out > 0].min() >= SETTINGS.held_out_rays - 1
+        assert (rays - out)[out > 0].min() >= SETTINGS.fewest - 1
         assert 0.03 < model.held_out.sum() / rows.tie.sum() < 0.07
 
     def test_what_is_held_out_has_no_say(self, model):
@@ -186,7 +186,7 @@ class TestStatistics:
         table = found.table
         assert list(table) == ["statistic", "kind", "axis", "x", "y", "label", "value", "unit"]
         assert np.isfinite(table["value"]).all()
-        assert set(table["unit"]) <= {"px", "m", "s", "log10 m²", "stated deviations"}
+        assert set(table["unit"]) <= {"px", "m", "log10 m²", "stated deviations"}
         kinds = {"tie", "held_out", "mark", "gnss", "control", "check", "signature"}
         assert set(table["kind"]) == kinds
 

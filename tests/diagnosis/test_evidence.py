@@ -9,8 +9,8 @@ from scipy.sparse import csc_array, csr_array
 
 from benchmarks.diagnosis.signal import _from_noise
 from corridor.core.adjustment import ImageRows
-from corridor.diagnosis.evidence.beside_noise import NoiseModel, _probability
 from corridor.diagnosis.evidence.evidence import Evidence, Spectrum, averaged, effect_sizes
+from corridor.diagnosis.evidence.profile_likelihood import NoiseModel, _probability
 from corridor.diagnosis.evidence.search import largest_of_null, search
 from corridor.diagnosis.noise.gnss import stated_noise
 from corridor.diagnosis.noise.image import pseudo_residuals, scale_of

@@ -20,9 +20,9 @@ from corridor.diagnosis import Settings, diagnose
 from corridor.diagnosis.evidence.scores import as_spread
 from corridor.diagnosis.evidence.search import Found
 from corridor.diagnosis.findings.verdict import _changes
+from corridor.diagnosis.forward_selection import _without_motion
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.report.sentence import _off, _still_off
-from corridor.diagnosis.rounds import _without_motion
 from corridor.diagnosis.system.elimination import Elimination
 from corridor.diagnosis.system.equations import equations
 from corridor.diagnosis.system.groups import Group
@@ -161,6 +161,36 @@ class TestPositionsThatJump:
         assert [one["group"] for one in found.unknown] == ["gnss_step"] and not found.effects
         assert found.gap["check_m"]["after"] < 0.015 < found.gap["check_m"]["before"]
 
+    @pytest.mark.parametrize("degrees", [0.06, 1.0])
+    def test_another_north_is_named_with_its_angle(self, degrees):
+        """Antennas on the grid, control by true north: turned about somewhere, not the middle."""
+        block = generate(self.CASE, 47).block
+        angle = np.radians(degrees)
+        x, y = block.gnss[["x", "y"]].to_numpy().T
+        x, y = x - x[3], y - y[3]
+        turned = np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y
+        block.gnss = block.gnss.assign(
+            x=turned[0] + block.gnss["x"].iloc[3], y=turned[1] + block.gnss["y"].iloc[3]
+        )
+        found = diagnose(block)
+        rotation = next(one for one in found.effects if one["slug"] == "gnss_rotation")
+        (z,) = rotation["parameters"]
+        assert abs(z["value"] - angle) < 3.0 * z["sigma"] < 5e-4
+        assert found.gap["check_m"]["after"] < 0.015
+
+    def test_heights_that_lean_are_named_with_their_slope(self):
+        """Control above a geoid that falls by 0.9 mm a metre to the east."""
+        case = Case({}, images=60, strips=2, observations=120, control=8, check=6)
+        block = generate(case, 48).block
+        block.ground["z"] += 9e-4 * block.ground["x"]
+        found = diagnose(block)
+        (tilt,) = found.effects
+        assert tilt["slug"] == "control_tilt"
+        values = {one["name"]: (one["value"], one["sigma"]) for one in tilt["parameters"]}
+        value, sigma = values["east"]
+        assert abs(value - 9e-4) < 3.0 * sigma < 9e-4
+        assert found.gap["check_m"]["after"] < 0.015 < found.gap["check_m"]["before"]
+
     def test_an_honest_flight_has_none(self):
         found = diagnose(generate(self.CASE, 5).block)
         assert not found.unknown and not found.effects
@@ -216,7 +246,10 @@ class TestCheckPointsThatNothingExplains:
     def told(sigmas, gnss=3, off=(0.7, 0.7, 0.7), tell=_off):
         gap, block = {"check_m": {"before": 0.7, "after": 0.7}}, SimpleNamespace(gnss=[0] * gnss)
         table = pd.DataFrame({"point": ["A", "B", "C"], "dx": 0.0, "dy": 0.0, "dz": off})
-        after = SimpleNamespace(check_points=table.assign(sx=0.01, sy=0.01, sz=0.01))
+        after = SimpleNamespace(
+            system=SimpleNamespace(control_names=[]),
+            check_points=table.assign(sx=0.01, sy=0.01, sz=0.01),
+        )
         return tell(SimpleNamespace(gap=gap, check_sigmas=sigmas, block=block, after=after))
 
     def test_they_are_told_beside_what_was_found_too(self):

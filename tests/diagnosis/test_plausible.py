@@ -104,7 +104,7 @@ class TestPartsOfAShape:
         chosen = {0: 1.0, 1: 1.0}
         each = contributions(evidence, chosen)
         assert each[1] < 0.5 * each[0]
-        left = plausible(evidence, Found(chosen, each, 0.0), [], 2.5)
+        left = plausible(evidence, Found(chosen, each, 0.0), 2.5)
         return {evidence.groups[n].key for n in left.chosen}
 
     def test_what_brings_as_much_without_the_shape_has_nothing_to_do_with_it(self):

@@ -21,7 +21,7 @@ def test_no_gain_is_taken_for_one_in_a_twentieth_of_flights(strips, unlike):
     rng = np.random.default_rng(strips)
     spread = np.r_[unlike, np.ones(strips - 1)]
     proved = sum(Prediction(spread * rng.standard_normal(strips)).proved for _ in range(2000))
-    assert proved <= binom.isf(0.001, 2000, SETTINGS.prediction_level)
+    assert proved <= binom.isf(0.001, 2000, SETTINGS.doubt_level)
 
 
 def test_a_gain_of_three_of_its_spreads_in_every_strip_is_seen_in_95_of_100_flights():

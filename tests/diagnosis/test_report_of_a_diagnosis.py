@@ -88,7 +88,7 @@ class TestPage:
         [
             "Measured beside simulated", "What was found", "Data that the fit has not used",
             "Where", "Evidence of all candidates", "The smallest effect that would have been seen",
-            "To test more, add", "Check points before and after", "Known physics",
+            "To test more, add", "Check points before and after",
             "The assumed model", "How to make this page again",
         ],
     )  # fmt: skip
@@ -467,4 +467,3 @@ def test_limits_are_told_of_a_rotation_that_a_gyroscope_measures():
     assert told["parameter"].tolist() == ["readout", "delay"]
     assert told["smallest seen"].tolist() == ["4.0", "not visible"]
     assert seen_best(found)
-    assert len(tables.physics(found)) == 0

@@ -78,5 +78,5 @@ def test_a_vibration_is_told_from_noise_of_the_same_size():
 def test_blocks_of_few_observations_raise_no_alarm():
     made = drawn(3, lambda t, row, radius: 1 + t)
     rows = made.system.image_rows
-    made.system.image_rows = replace(rows, tie=np.arange(len(made.pixels)) < 400)
+    made.system.image_rows = replace(rows, tie=np.arange(len(made.pixels)) < 150)
     assert variance_alarms(made) == []

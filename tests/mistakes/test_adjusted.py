@@ -68,7 +68,7 @@ ADJUSTED = {
     ),
     "GNSS in degrees": (degrees("gnss"), 1, "in degrees", "--iterations 6"),
     "GNSS sigmas in millimetres": (
-        changed("gnss", sx=20.0, sy=20.0, sz=40.0), 0, "20 m in plan and 40 m in height", ""
+        changed("gnss", sx=20.0, sy=20.0, sz=40.0), 0, "20 m horizontally and 40 m in height", ""
     ),
     "GNSS sigmas a thousandth": (
         changed("gnss", sx=2e-5, sy=2e-5, sz=4e-5), 0, r"\d+ GNSS positions beyond 5 sigmas", ""

@@ -20,7 +20,7 @@ from slips import (
 )
 
 import corridor
-from corridor.core.preparation import against, doubts
+from corridor.core.preparation import plausibility_warnings, position_difference
 
 # Seen at first sight, without an adjustment: slip -> words of the sentence.
 AT_FIRST_SIGHT = {
@@ -100,14 +100,14 @@ AT_FIRST_SIGHT = {
 def test_is_seen_at_first_sight(folder, slip):
     edit, words = AT_FIRST_SIGHT[slip]
     edit(folder)
-    told = doubts(corridor.read(folder))
+    told = plausibility_warnings(corridor.read(folder))
     assert any(pd.Series([told_one]).str.contains(words)[0] for told_one in told), told
     # Nothing else is suspected, but for what follows from it.
     assert len(told) <= 2
 
 
 def test_of_a_sound_block_nothing_is_suspected(sound):
-    assert doubts(corridor.read(sound)) == []
+    assert plausibility_warnings(corridor.read(sound)) == []
 
 
 class TestPositionsBesidePoses:
@@ -116,7 +116,7 @@ class TestPositionsBesidePoses:
     poses = np.random.default_rng(1).uniform([0, 0, 40], [200, 60, 60], (30, 3))
 
     def told(self, given):
-        return against("the track", given, "images.csv", self.poses)
+        return position_difference("the track", given, "images.csv", self.poses)
 
     def test_what_agrees_is_not_told(self):
         assert self.told(self.poses + 0.5) == ""

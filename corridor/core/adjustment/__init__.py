@@ -12,7 +12,7 @@ from corridor.core.adjustment.check_statistics import check_table
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.datum import QUANTITIES
 from corridor.core.adjustment.design import Design, Sets
-from corridor.core.adjustment.left_out import sound_part
+from corridor.core.adjustment.left_out import adjustable_part
 from corridor.core.adjustment.linear_system import Columns, ImageRows, LinearSystem
 from corridor.core.adjustment.matrix import Singular
 from corridor.core.adjustment.model import (
@@ -28,9 +28,9 @@ from corridor.core.adjustment.model import (
     listed,
 )
 from corridor.core.adjustment.normal import Normal
-from corridor.core.adjustment.precompiling import compiling_ahead
+from corridor.core.adjustment.precompiling import precompiled_aside
 from corridor.core.adjustment.problem import make_problem, refuse_distances
-from corridor.core.adjustment.regression import PointGains, point_gains
+from corridor.core.adjustment.regression import PointRegression, point_regression
 from corridor.core.adjustment.result import Adjustment, not_converged
 from corridor.core.adjustment.snooping import Blunder, blunders
 from corridor.core.adjustment.solving import solve
@@ -39,52 +39,3 @@ from corridor.core.adjustment.uncertain_motion import MotionScale, as_seen
 from corridor.core.adjustment.variance_components import gnss_of_metres
 from corridor.core.adjustment.warnings import grave, implausible, tested_by
 from corridor.core.geometry import Similarity, similarity
-
-__all__ = [
-    "LOSSES",
-    "QUANTITIES",
-    "REFERENCE_CAMERA",
-    "SEES_ARM_M",
-    "Adjustment",
-    "Blunder",
-    "Columns",
-    "Covariance",
-    "Design",
-    "AbsoluteOrientation",
-    "ImageRows",
-    "LinearSystem",
-    "Loss",
-    "Model",
-    "MotionScale",
-    "Normal",
-    "ParameterId",
-    "PointGains",
-    "Run",
-    "Sets",
-    "Setting",
-    "Similarity",
-    "Singular",
-    "adjust",
-    "arms_unseen",
-    "as_seen",
-    "blunders",
-    "camera_of",
-    "check_table",
-    "compiling_ahead",
-    "complete",
-    "gnss_of_metres",
-    "grave",
-    "implausible",
-    "lay_on_control",
-    "listed",
-    "make_problem",
-    "not_converged",
-    "point_gains",
-    "refuse_distances",
-    "refit",
-    "similarity",
-    "solve",
-    "sound_part",
-    "with_turns_as_seen",
-    "tested_by",
-]

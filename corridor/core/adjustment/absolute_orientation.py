@@ -68,8 +68,8 @@ def lay_on_control(
     given = ground[["x", "y", "z"]].to_numpy(float)
     if (used & (at >= 0)).sum() < 3:
         raise InputError(
-            f"{adjustment.start.where('ground', 0)}: a block is laid on three control points or "
-            f"more, images show {int((used & (at >= 0)).sum())}: give more the role control"
+            f"{adjustment.start.where('ground', 0)}: orienting a block needs three control "
+            f"points, and images show {int((used & (at >= 0)).sum())}: give more the role control"
         )
     found = similarity(adjusted[used], given[used])
 

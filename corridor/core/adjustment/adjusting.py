@@ -22,7 +22,7 @@ from corridor.core.adjustment.datum import (
 from corridor.core.adjustment.gross_errors import without_gross_errors
 from corridor.core.adjustment.ground_variances import ground_doubts, with_marks_as_they_are
 from corridor.core.adjustment.group_variances import from_where_it_ended, with_gnss_as_it_is
-from corridor.core.adjustment.left_out import sound_part
+from corridor.core.adjustment.left_out import adjustable_part
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.matrix import Singular
 from corridor.core.adjustment.model import Loss, Model, listed_effects
@@ -45,7 +45,7 @@ from corridor.core.engine.scene import SQUARES
 from corridor.core.errors import AdjustmentFailed, InputError, some
 from corridor.core.options import options
 from corridor.core.output import Progress, counted, telling
-from corridor.core.preparation import Prepared, doubts, prepare
+from corridor.core.preparation import Prepared, plausibility_warnings, prepare
 
 # Real flights take 15 to 30; a robust loss creeps along weak directions for up to 70.
 ITERATIONS = 100
@@ -153,8 +153,8 @@ def adjust(
             return found
 
     block, turned = with_turns_as_seen(block, again)
-    block, left_out = sound_part(block, model, run.strict)
-    doubtful = [*turned, *doubts(block)]
+    block, left_out = adjustable_part(block, model, run.strict)
+    doubtful = [*turned, *plausibility_warnings(block)]
 
     def whole(part: Block) -> Adjustment:
         found = _without_gross_errors(part, model, again, weights == "marks")
@@ -274,7 +274,7 @@ def _once(
     residual, behind = Normal(problem, loss, threads).residuals(problem.start)
     lost = _wild_starts(problem, residual)
     if behind:
-        block, more = _ahead(block, problem, residual, lost)
+        block, more = _in_front(block, problem, residual, lost)
         notes += more
     elif lost:
         block = _without_starts(block, lost)
@@ -356,7 +356,7 @@ def _without_image(
     """The adjustment without an image whose pose nothing determines; else the error."""
     others = block.images.loc[block.images["image"] != name, "image"]
     try:
-        part, notes = sound_part(block.select(images=others), model)
+        part, notes = adjustable_part(block.select(images=others), model)
         found = _once(part, model, run, spare - 1)
     except InputError:
         raise error from None
@@ -449,7 +449,7 @@ def _without_starts(block: Block, names: set[str]) -> Block:
     return complete(block)
 
 
-def _ahead(
+def _in_front(
     block: Block, problem: Problem, residual: np.ndarray, wild: set[str]
 ) -> tuple[Block, list[str]]:
     """The block with points that start behind a camera, or wild, intersected anew or left out."""

@@ -34,7 +34,7 @@ _ALIKE, _ELSEWHERE_M, _FOOT_M = 0.1, 2.0, 0.3048
 _LEAST_CONTROL = 3
 
 
-def without_wild(block: Block, model: Model) -> tuple[Block, list[str]]:
+def without_wild_cells(block: Block, model: Model) -> tuple[Block, list[str]]:
     """The block without wild measurements, and a sentence on each kind, with rows.
 
     Looked for beside the start poses of images.csv, and beside the picture's size. Ground points
@@ -111,6 +111,9 @@ def without_exchanged(
     return _ground(block, block, model, blind.poses, notes, seen_by=blind), notes
 
 
+_UNITS = (("feet", _FOOT_M), ("centimetres", 1e-2), ("millimetres", 1e-3), ("kilometres", 1e3))
+
+
 def _in_place(block: Block, pose: np.ndarray) -> bool:
     """Whether poses lie where the GNSS has them, in its scale."""
     if len(block.gnss) < 4:
@@ -136,9 +139,9 @@ def _read_otherwise(given: np.ndarray, seen: np.ndarray) -> str:
     if len(given) < _LEAST_CONTROL:
         return ""
     left = _apart(given, seen)
-    for unit, metres in (("feet", _FOOT_M), ("millimetres", 1e-3), ("kilometres", 1e3)):
-        if _apart(metres * given, seen) < _ALIKE * left:
-            return f"ground.csv is in {unit}, beside images and GNSS in metres: convert it."
+    unit, metres = min(_UNITS, key=lambda one: _apart(one[1] * given, seen))
+    if _apart(metres * given, seen) < _ALIKE * left:
+        return f"ground.csv is in {unit}, beside images and GNSS in metres: convert it."
     if _apart(given[:, [1, 0, 2]], seen) < _ALIKE * left:
         return "ground.csv has x and y exchanged beside images and GNSS: x is east, y north."
     return ""

@@ -166,7 +166,7 @@ def _left_out(p: Problem) -> str:
     slugs = [one.slug for one in every_effect() if one.form(p.block).needs_table("rates")]
     return (
         "; or the model is wrong, which takes no turn of the camera during its readout although "
-        f"rates.csv tells it: `corridor adjust BLOCK --effect {' or '.join(slugs)}`"
+        f"rates.csv records it: `corridor adjust BLOCK --effect {' or '.join(slugs)}`"
     )
 
 

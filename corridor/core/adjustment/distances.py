@@ -235,7 +235,7 @@ def table_of(p: Problem, state: State, covariance: Covariance, sigma0: float) ->
     """Each distance with its test: from, to, given, sigma, v (given minus adjusted), m, redundancy,
     w, least_error (found with 80 % where one good of a thousand is accused), m.
     """
-    from corridor.core.adjustment.reliability import DELTA, SHOWN
+    from corridor.core.adjustment.reliability import DELTA, LEAST_SHOWN_SHARE
 
     shared = covariance.shared if len(p.distance_given) else np.zeros((0, 0))
     frame = p.block.distances.iloc[p.distance_rows][["from", "to"]].reset_index(drop=True)
@@ -245,7 +245,7 @@ def table_of(p: Problem, state: State, covariance: Covariance, sigma0: float) ->
         [row @ shared[np.ix_(at, at)] @ row for row, at in zip(by, columns, strict=True)]
     ).reshape(-1)
     share = np.clip(1.0 - p.distance_weight * known, 0.0, 1.0)
-    shown = share > max(SHOWN, 10.0 / TIGHT)
+    shown = share > max(LEAST_SHOWN_SHARE, 10.0 / TIGHT)
     root = np.sqrt(np.where(shown, share, np.nan))
     frame["given"], frame["sigma"], frame["v"] = p.distance_given, sigma, residual
     frame["s_adjusted"] = sigma0 * np.sqrt(known)

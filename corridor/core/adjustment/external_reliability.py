@@ -16,11 +16,11 @@ import pandas as pd
 from scipy.sparse import block_diag, csr_array
 
 from corridor.core.adjustment.covariance import Covariance
-from corridor.core.adjustment.regression import point_gains
+from corridor.core.adjustment.regression import point_regression
 from corridor.core.output import with_units
 
 # Points that are looked at: an even choice of a river's. Errors whose effects are held together.
-MOST, TOGETHER = 20_000, 48
+MOST_POINTS, ERRORS_AT_ONCE = 20_000, 48
 
 
 def moves(covariance: Covariance, controls: np.ndarray, errors: np.ndarray) -> pd.DataFrame:
@@ -33,8 +33,8 @@ def moves(covariance: Covariance, controls: np.ndarray, errors: np.ndarray) -> p
     system = covariance.system
     p = system.problem
     count = len(p.point_index)
-    seen = np.union1d(np.arange(0, count, max(-(-count // MOST), 1)), controls)
-    gains = point_gains(system, seen)
+    seen = np.union1d(np.arange(0, count, max(-(-count // MOST_POINTS), 1)), controls)
+    regression = point_regression(system, seen)
     place = np.searchsorted(seen, controls)
     given = p.control[controls]
     at = (3 * given[:, None] + np.arange(3)).ravel()
@@ -46,14 +46,14 @@ def moves(covariance: Covariance, controls: np.ndarray, errors: np.ndarray) -> p
     columns = (3 * place[:, None] + np.arange(3)).ravel()
     weight = turn.transpose(0, 2, 1) @ (p.control_weight[given][:, :, None] * turn)
     out = []
-    for first in range(0, len(columns), TOGETHER):
-        some = slice(first, first + TOGETHER)
+    for first in range(0, len(columns), ERRORS_AT_ONCE):
+        some = slice(first, first + ERRORS_AT_ONCE)
         # What a coordinate of control sees of the unknowns: by itself, and through its point.
-        by = (rows[some].T - gains.gain[:, columns[some]]).toarray()
-        shift = -(gains.gain.T @ covariance.solve(by)).reshape(len(seen), 3, -1)
+        by = (rows[some].T - regression.gain[:, columns[some]]).toarray()
+        shift = -(regression.gain.T @ covariance.solve(by)).reshape(len(seen), 3, -1)
         own = columns[some]
         at = np.arange(len(own))
-        shift[own // 3, :, at] += gains.own[own // 3, :, own % 3]
+        shift[own // 3, :, at] += regression.own[own // 3, :, own % 3]
         # W e: an error of one coordinate counts for those that are correlated with it, too.
         heavy = weight[first // 3 : (first + len(own)) // 3]
         shift = np.einsum("nakj,kji->naki", shift.reshape(*shift.shape[:2], -1, 3), heavy)

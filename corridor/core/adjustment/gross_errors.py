@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.adjustment.blunders import exchanged_points
-from corridor.core.adjustment.group_variances import FACTOR, false_apart, lengths
+from corridor.core.adjustment.group_variances import CONTRADICTING_FACTOR, false_apart, lengths
 from corridor.core.adjustment.result import Adjustment
 from corridor.core.camera import project
 from corridor.core.errors import AdjustmentFailed, InputError, some
@@ -31,6 +31,7 @@ _NEARER = 0.1
 # Median of the length of three errors of standard deviation 1.
 _OF_THREE = 1.538
 _ROUNDS = 4
+_FEW = 3
 _NAMED = 5
 
 
@@ -125,8 +126,12 @@ def _without_marks(result: Adjustment, again: Again, notes: list[str]) -> Adjust
     kept = np.array([row not in keys for row in rows])
     start = block.with_(marks=marks[kept].reset_index(drop=True))
     found = again(start, model)
-    # Squares that fit with them bear them: the marks are told among the outliers.
-    if not _square(found) < _square(result) / FACTOR**2:
+    # Squares that fit with them bear them: the marks are told among the outliers. A few that are
+    # gross, beside others of the same points that are not, are what is wrong where nearly all of
+    # what they miss goes with them.
+    before, after = _square(result), _square(found)
+    few = wrong.sum() <= _FEW and before - after > 0.5 * float((length[wrong] ** 2).sum())
+    if not (few or after < before / CONTRADICTING_FACTOR**2):
         return result
     notes.append(_told(robust, gone))
     return found

@@ -18,8 +18,8 @@ from scipy.special import bdtrc, chdtrc, chdtri
 
 from corridor.core.adjustment.blunders import where_seen
 from corridor.core.adjustment.group_variances import (
-    FACTOR,
-    RARE,
+    CONTRADICTING_FACTOR,
+    RARE_CHANCE,
     from_where_it_ended,
     general,
 )
@@ -71,7 +71,7 @@ def _of_marks(result: Adjustment) -> float:
     the residuals is left what no other place of the point takes up.
     """
     table, p = result.residuals["mark"], result.problem
-    if not result.converged or not len(table):
+    if not result.converged or not len(table) or not len(result.start.ground):
         return 1.0
     at = where_seen(result.start, result.pose)
     number = places(table["point"].astype(str), result.start.ground["point"].astype(str))
@@ -118,10 +118,14 @@ def _factor(square: np.ndarray, redundancy: np.ndarray) -> float:
     usual = chdtri(redundancy[told], 0.5)
     ratio = square[told] / usual
     # So many beyond the limit by chance, were what is stated right.
-    beyond = int((ratio > FACTOR**2).sum())
-    one = chdtrc(redundancy[told], FACTOR**2 * usual).max()
+    beyond = int((ratio > CONTRADICTING_FACTOR**2).sum())
+    one = chdtrc(redundancy[told], CONTRADICTING_FACTOR**2 * usual).max()
     factor = float(np.sqrt(np.median(ratio)))
-    return factor if factor > FACTOR and bdtrc(beyond - 1, len(ratio), one) < RARE else 1.0
+    return (
+        factor
+        if factor > CONTRADICTING_FACTOR and bdtrc(beyond - 1, len(ratio), one) < RARE_CHANCE
+        else 1.0
+    )
 
 
 def _with_marks(block: Block, factor: float) -> Block:

@@ -37,7 +37,7 @@ AXES = {"plan": _PLAN, "height": _HEIGHT}
 _TURNS = {"roll and pitch": _PLAN, "yaw": _HEIGHT}
 # A group contradicts what is stated where chance does so once in a thousand, and its factor, which
 # small faults of any model raise, is beyond two.
-RARE, FACTOR = 1e-3, 2.0
+RARE_CHANCE, CONTRADICTING_FACTOR = 1e-3, 2.0
 # Redundancy below which a group says nothing of its own size.
 _LEAST = 6.0
 # A redundancy near one makes residuals as large as errors: below this RMS, in sigmas, no group
@@ -184,8 +184,8 @@ def contradicting(result: Adjustment) -> dict[tuple[str, str], float]:
     wrong = (
         (table["kind"] == "gnss")
         & (table["redundancy"] >= _LEAST)
-        & (table["p"] < RARE)
-        & (table["sigma0"] > FACTOR * usual)
+        & (table["p"] < RARE_CHANCE)
+        & (table["sigma0"] > CONTRADICTING_FACTOR * usual)
     )
     return {
         (row.part, row.flight): row.sigma0 / usual for row in table[wrong].itertuples(index=False)
@@ -295,7 +295,7 @@ def slow(result: Adjustment) -> Slow | None:
         together = float(SlowNoise(constant).correlation(time).sum()) / len(time)
         for part in AXES:
             factor[part, name] = white * float(np.sqrt(1.0 + ratio * together))
-    if max(factor.values()) < FACTOR:
+    if max(factor.values()) < CONTRADICTING_FACTOR:
         return None
     return Slow(ratio, constant, white, factor)
 
@@ -345,7 +345,7 @@ def _likeliest(parts: list[_Contrasts]) -> tuple[float, float, float] | None:
             variance = float(np.sum(square / spread)) / free
             value = free * np.log(variance) + np.sum(np.log(spread)) + known
             best = min(best, (value, ratio, constant, np.sqrt(variance)))
-    return best[1:] if plain - best[0] > chdtri(2, RARE) else None
+    return best[1:] if plain - best[0] > chdtri(2, RARE_CHANCE) else None
 
 
 def _told_slow(found: Slow, start: Block) -> str:
@@ -426,7 +426,7 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
     by_fit = np.flatnonzero(mine)[np.argsort(-lengths(result, sigma)[mine], kind="stable")]
     parts = [by_fit[:count], *(rows[k : k + count] for k in _begun(len(rows), count))]
     # With all of them; the rest agrees with itself, or at least far better than all do.
-    limit = max(FACTOR, _scale(lengths(result, sigma)[mine]) / FACTOR)
+    limit = max(CONTRADICTING_FACTOR, _scale(lengths(result, sigma)[mine]) / CONTRADICTING_FACTOR)
     least, found = limit, None
     for part in parts:
         best = np.ones(len(mine), bool)
@@ -434,7 +434,7 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
         false, scale = _concentrated_from(best, mine, sigma, result, again)
         if scale < least:
             least, found = scale, false
-        if scale < FACTOR:
+        if scale < CONTRADICTING_FACTOR:
             break
     return found
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from corridor.core.adjustment.blunders import without_wild
+from corridor.core.adjustment.blunders import without_wild_cells
 from corridor.core.adjustment.model import Model
 from corridor.core.adjustment.ordering import appearances
 from corridor.core.block import Block, is_among
@@ -23,7 +23,7 @@ _ONE_PLACE_M = 1e-3
 _PLACES, _AT_ONE_PLACE = 2, 6
 
 
-def sound_part(block: Block, model: Model, strict: bool = False) -> tuple[Block, list[str]]:
+def adjustable_part(block: Block, model: Model, strict: bool = False) -> tuple[Block, list[str]]:
     """The block without what cannot be adjusted, and a sentence on each kind of what was left out.
 
     Wild cells; tie points and check points that one image alone sees; images with fewer than three
@@ -33,7 +33,7 @@ def sound_part(block: Block, model: Model, strict: bool = False) -> tuple[Block,
     """
     _refuse_one_place(block)
     block, alike = _without_one_position(block, strict)
-    sound, wild = without_wild(block, model)
+    sound, wild = without_wild_cells(block, model)
     wild = [*alike, *wild]
     if strict:
         if wild:
@@ -119,7 +119,8 @@ def _without_one_position(block: Block, strict: bool) -> tuple[Block, list[str]]
             return block, []
         told = (
             f"gnss.csv: its {len(given)} positions stand at {counted(places, 'place')} "
-            f"({place}{', ...' if places > 1 else ''}), which tells no image from its neighbours"
+            f"({place}{', ...' if places > 1 else ''}), which distinguishes no image from its "
+            "neighbours"
         )
     if strict:
         raise InputError(f"{told}: correct them, or leave gnss.csv out")

@@ -20,7 +20,7 @@ import numpy as np
 
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.linear_system import motions
-from corridor.core.adjustment.regression import point_gains
+from corridor.core.adjustment.regression import point_regression
 from corridor.core.errors import InputError
 from corridor.core.geometry import helmert_motions
 
@@ -106,7 +106,7 @@ class InDatum:
 
     @cached_property
     def _gains(self):
-        return point_gains(self.covariance.system, self.points)
+        return point_regression(self.covariance.system, self.points)
 
     @cached_property
     def _seen(self) -> np.ndarray:

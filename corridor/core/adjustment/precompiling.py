@@ -25,7 +25,7 @@ _HEIGHT, _BASE, _F = 100.0, 20.0, 1000.0
 
 
 @contextmanager
-def compiling_ahead() -> Iterator[None]:
+def precompiled_aside() -> Iterator[None]:
     """Have late kernels compiled by a second process, for as long as the `with` lasts.
 
     Where they are compiled already, nothing is started.

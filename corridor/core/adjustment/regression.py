@@ -20,7 +20,7 @@ from corridor.core.adjustment.normal import CHUNK, Normal, View
 
 
 @dataclass(frozen=True)
-class PointGains:
+class PointRegression:
     """points (k,): positions among those of the system. own (k, 3, 3): V^-1, m^2, of each at given
     poses. gain (n, 3k): K, by the columns of the system.
     """
@@ -30,7 +30,7 @@ class PointGains:
     gain: csc_array
 
 
-def point_gains(system: LinearSystem, points: np.ndarray) -> PointGains:
+def point_regression(system: LinearSystem, points: np.ndarray) -> PointRegression:
     """V^-1 and K of some points (k,), positions among `system.points`, each at most once."""
     p = system.problem
     points = np.asarray(points, dtype=np.int64)
@@ -65,7 +65,7 @@ def point_gains(system: LinearSystem, points: np.ndarray) -> PointGains:
             total = (add @ by.reshape(len(by), -1)).reshape(last - first, 3, -1)
             total += whole @ ground[control]
             shared[number[first + wanted]] = total[wanted, :, : p.shared_count]
-    return PointGains(points, inverse, _matrix(system, points, own, shared))
+    return PointRegression(points, inverse, _matrix(system, points, own, shared))
 
 
 def _of_control(normal: Normal, view: View) -> np.ndarray:

@@ -17,7 +17,7 @@ from scipy.special import chdtrc, ndtri
 from corridor.core.adjustment.cofactors import OfPoint, of_antennas, of_control, of_points
 from corridor.core.adjustment.external_reliability import moves
 from corridor.core.adjustment.problem import POSE_KINDS
-from corridor.core.adjustment.snooping import SHOWN, Blunder, blunders
+from corridor.core.adjustment.snooping import LEAST_SHOWN_SHARE, Blunder, blunders
 from corridor.core.block import turned
 from corridor.core.output import with_units
 
@@ -297,10 +297,10 @@ def _table(
     across = root.transpose(0, 2, 1)
     known = np.einsum("nji,nji->ni", root, root)
     seen = np.clip(np.einsum("nii->ni", across @ share @ root), 0.0, known)
-    shown = seen > SHOWN * known
+    shown = seen > LEAST_SHOWN_SHARE * known
     size = np.sqrt(np.where(shown, seen, np.nan))
     # Where a direction shows in no other measurement, nothing predicts the whole.
-    whole = np.linalg.eigvalsh(share)[:, 0] > SHOWN if len(share) else np.zeros(0, bool)
+    whole = np.linalg.eigvalsh(share)[:, 0] > LEAST_SHOWN_SHARE if len(share) else np.zeros(0, bool)
     inverse = np.full(share.shape, np.nan)
     inverse[whole] = np.linalg.inv(share[whole])
     scaled = turned(root, v)

@@ -24,7 +24,7 @@ LEVEL = 0.01
 # is named alone. Jeffreys 1961 calls a hundred decisive.
 DECISIVE = 100.0
 # An error that is shown to less than this share of its size is shown by nothing.
-SHOWN = 1e-6
+LEAST_SHOWN_SHARE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def blunders(v: np.ndarray, share: np.ndarray, level: float = LEVEL) -> list[Blu
     At most a third of the measurements are named: beyond, nobody knows who is right.
     """
     count = len(v)
-    shown = np.diag(share) > SHOWN if count else np.zeros(0, bool)
+    shown = np.diag(share) > LEAST_SHOWN_SHARE if count else np.zeros(0, bool)
     tried = int(shown.sum())
     chosen: list[int] = []
     if tried < 2:
@@ -91,12 +91,14 @@ def _without(v: np.ndarray, share: np.ndarray, taken: list[int]) -> tuple[np.nda
 def _singles(v: np.ndarray, share: np.ndarray) -> np.ndarray:
     """What an error of each explains (n,)."""
     size = np.diag(share)
-    return np.where(size > SHOWN, v**2 / np.where(size > SHOWN, size, 1.0), 0.0)
+    return np.where(
+        size > LEAST_SHOWN_SHARE, v**2 / np.where(size > LEAST_SHOWN_SHARE, size, 1.0), 0.0
+    )
 
 
 def _best_pair(v: np.ndarray, share: np.ndarray) -> tuple[list[int], float]:
     """The two that together explain most, and how much."""
-    size = np.where(np.diag(share) > SHOWN, np.diag(share), np.inf)
+    size = np.where(np.diag(share) > LEAST_SHOWN_SHARE, np.diag(share), np.inf)
     root = np.sqrt(size)
     w = np.where(np.isfinite(root), v / root, 0.0)
     like = share / root[:, None] / root

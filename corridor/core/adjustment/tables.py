@@ -32,7 +32,7 @@ from corridor.core.geometry import (
 from corridor.core.output import with_units
 from corridor.core.preparation import FRAME
 
-HIGH = 0.95
+HIGH_CORRELATION = 0.95
 _IN_PIXELS = ("f", "cx", "cy")
 _PART = 1 << 20  # observations that are looked at together
 
@@ -420,7 +420,7 @@ class Tables(Checked):
     def high_correlations(self) -> pd.DataFrame:
         """Pairs of shared parameters that are correlated beyond 0.95: a, b, value."""
         names, matrix = list(self.correlation_matrix), self.correlation_matrix.to_numpy()
-        high = np.argwhere(np.triu(np.abs(matrix) > HIGH, 1))
+        high = np.argwhere(np.triu(np.abs(matrix) > HIGH_CORRELATION, 1))
         rows = [(names[i], names[j], matrix[i, j]) for i, j in high]
         return pd.DataFrame(rows, columns=["a", "b", "value"]).astype({"value": float})
 

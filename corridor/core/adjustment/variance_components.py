@@ -18,7 +18,7 @@ from scipy.special import chdtri
 from corridor.core.adjustment.cofactors import of_antennas
 from corridor.core.adjustment.group_variances import (
     AXES,
-    RARE,
+    RARE_CHANCE,
     contradicting,
     false_positions,
     from_where_it_ended,
@@ -56,6 +56,8 @@ _PRIOR = 3.0
 _ARM_M = 2.0
 # Residuals as large as they are stated to be say nothing against what is held.
 _LARGE_FIT = 1.1
+# An estimate this far from nothing is one.
+FAR_SIGMAS = 3.0
 # Sigmas by which an estimate is another one; five, as of outliers.
 _FOCAL_SIGMAS = 5.0
 # Heat moves a focal length by less than a thousandth; a rolling shutter of 50 ms, which takes it
@@ -160,7 +162,7 @@ def _restated(start: Block, stated: np.ndarray, factor: np.ndarray) -> tuple[Blo
     start.put("gnss", ("sx", "sy", "sz"), sigma)
     usual, used = np.median(stated, axis=0), np.median(sigma, axis=0)
     told = (
-        f"GNSS: {usual[0]:g} m in plan and {usual[2]:g} m in height are assumed for "
+        f"GNSS: {usual[0]:g} m horizontally and {usual[2]:g} m in height are assumed for "
         f"all positions; about the flight they scatter by {used[0]:.2g} and {used[2]:.2g} m, "
         "which is used. An offset that all of them share is not seen in this."
     )
@@ -221,7 +223,7 @@ def with_common_offset(result: Adjustment, again: Again, stated: np.ndarray) -> 
     if not (coarse or wrong or lasting):
         return result
     offset, test = _common_offset(result)
-    if test < chdtri(max(np.count_nonzero(offset), 1), RARE):
+    if test < chdtri(max(np.count_nonzero(offset), 1), RARE_CHANCE):
         return result
     # What drifts is off in the mean too, and by no more than it drifts.
     if lasting and (np.abs(offset) < OUTLIER * np.median(stated, axis=0)).all():
@@ -246,6 +248,9 @@ def with_common_offset(result: Adjustment, again: Again, stated: np.ndarray) -> 
     if lasting and slow(found) is not None:
         return result
     values = found.effects.query("slug == @effect.slug")
+    # Nor is one that a free focal length and the arms leave unknown.
+    if not (values["value"].abs() > FAR_SIGMAS * values["sigma"]).any():
+        return result
     shown = "; ".join(
         f"{f'flight {group} ' if several else ''}"
         f"{', '.join(f'{value:+.2f}' for value in part['value'])} m"
@@ -304,8 +309,7 @@ def without_unseen_arms(result: Adjustment, again: Again) -> Adjustment:
         return result
     found.add_note(
         f"The lever arm is held at {'what block.toml states' if result.start.lever_arm else '0'}: "
-        f"this flight determines it to {sigma:.1f} m only; --lever-arm free estimates it all the "
-        "same."
+        f"this flight determines it to {sigma:.1f} m only; --lever-arm free estimates it anyway."
     )
     return found
 

@@ -20,7 +20,7 @@ _ROW_DEGREE = 4
 # An estimate this far from what is stated beforehand is told.
 FAR_SIGMAS = 3.0
 # Pixels of sensors are square to a few parts in ten thousand, and their axes perpendicular.
-SQUARE = 2e-3
+NOT_SQUARE = 2e-3
 # An adjusted camera is another than the stated: focal length, principal point (of the width).
 FAR_FOCAL, FAR_CENTRE = 0.08, 0.1
 # No drone carries its antenna so far from the camera.
@@ -271,12 +271,12 @@ def _pixels(a):
     """Affinity that no sensor has."""
     free = a.camera[a.camera["free"] & a.camera["parameter"].isin(["b1", "b2"])]
     size = free["value"].abs()
-    found = free[(size > SQUARE) & (size > FAR_SIGMAS * free["sigma"])]
+    found = free[(size > NOT_SQUARE) & (size > FAR_SIGMAS * free["sigma"])]
     for camera, rows in found.groupby("camera", sort=False):
         values = " and ".join(f"{r.parameter} {100 * r.value:.2f} %" for r in rows.itertuples())
         yield (
             f"Camera {camera} has {values}: the pixels of sensors are square to less than "
-            f"{100 * SQUARE:g} %. It takes up what the model lacks (a rolling shutter at one "
+            f"{100 * NOT_SQUARE:g} %. It takes up what the model lacks (a rolling shutter at one "
             "speed, say), or the flight does not determine it: `--camera fraser8` holds it."
         )
 
@@ -301,7 +301,7 @@ def _fit(a):
 def tested_by(block) -> str:
     """How the accuracy of a block without check points gets known: an action, without full stop."""
     if len(block.ground) and len(block.marks):
-        return "Keep surveyed points apart to test it: `corridor adjust BLOCK --check ID,ID`"
+        return "Keep some surveyed points to test it with: `corridor adjust BLOCK --check ID,ID`"
     if len(block.ground):
         return (
             "To know its accuracy, measure the ground points in the images: no image shows one "
@@ -309,7 +309,7 @@ def tested_by(block) -> str:
         )
     return (
         "To know its accuracy, survey points on the ground, measure them in the images, and add "
-        "both with `--ground FILE` of `corridor import`; there are none"
+        "both with `--ground FILE` of `corridor import`"
     )
 
 

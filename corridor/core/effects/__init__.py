@@ -44,51 +44,10 @@ from corridor.core.effects.velocity_errors import (
     CommonVelocityError,
     OwnVelocityError,
 )
+from corridor.core.registry import offered
 
-__all__ = [
-    "COMMON",
-    "RATE_SIGMA",
-    "ROW_REACH",
-    "VELOCITY_SIGMA",
-    "Arrays",
-    "Candidates",
-    "CommonVelocityError",
-    "Context",
-    "Effect",
-    "EffectValues",
-    "Images",
-    "LinearEffect",
-    "Member",
-    "OwnVelocityError",
-    "Parameter",
-    "Prediction",
-    "Stack",
-    "Values",
-    "Variant",
-    "Without",
-    "add",
-    "along_both",
-    "along_each",
-    "believed_of",
-    "every_effect",
-    "candidates",
-    "check_needs",
-    "correct",
-    "edge_of",
-    "effect_of",
-    "find",
-    "forget",
-    "group_names",
-    "group_of_image",
-    "of_interior",
-    "parse_word",
-    "predict",
-    "register",
-    "stated_lever_arms",
-    "summary",
-    "take_out",
-]
+__all__ = offered(globals())
 
 
 def __dir__():
-    return sorted(__all__)
+    return __all__

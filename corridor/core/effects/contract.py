@@ -241,7 +241,7 @@ def check_contract(effect: Effect) -> None:
     check_place(effect)
     if effect.group not in GROUPS:
         raise InputError(
-            f"effect {effect.slug}: group = {effect.group!r} is none: it is one of "
+            f"effect {effect.slug}: group = {effect.group!r} is unknown: use one of "
             f"{', '.join(GROUPS)}"
         )
     if isinstance(effect.needs, str) or isinstance(effect.takes, str):
@@ -249,11 +249,11 @@ def check_contract(effect: Effect) -> None:
 
 
 def check_place(effect: Effect) -> None:
-    """Refuse a place that is none: nothing would ever ask the effect."""
+    """Refuse an unknown place: nothing would ever use the effect."""
     if effect.place not in PLACES:
         near = did_you_mean(effect.place, PLACES)
         raise InputError(
-            f"effect {effect.slug}: place = {effect.place!r} is none{near}: it is one of "
+            f"effect {effect.slug}: place = {effect.place!r} is unknown{near}: use one of "
             f"{', '.join(PLACES)}"
         )
 

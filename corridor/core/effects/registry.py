@@ -51,13 +51,7 @@ def find(name: str) -> Effect:
     known = _known()
     if slug not in known:
         near = did_you_mean(slug, known)
-        physical = ", ".join(
-            slug for slug, one in sorted(known.items()) if not (one.generic or one.refines)
-        )
-        raise InputError(
-            f"effect {slug!r} is unknown{near}: `corridor effects` lists them all"
-            + ("" if near else f", the physical ones are {physical}")
-        )
+        raise InputError(f"effect {slug!r} is unknown{near}: `corridor effects` lists them all")
     return known[slug].per(group) if group else copy(known[slug])
 
 

@@ -90,6 +90,12 @@ def _splines(at: np.ndarray, inner: np.ndarray, count: int) -> np.ndarray:
         return np.zeros((0, count))
     from scipy.interpolate import BSpline  # at first use: few models have a curve
 
+    # Of what is not known, a point behind a camera say, neither are these.
+    known = np.isfinite(at)
+    if not known.all():
+        out = np.full((len(at), count), np.nan)
+        out[known] = _splines(at[known], inner, count)
+        return out
     inside = np.clip(at, inner[0], inner[-1])
     return BSpline.design_matrix(inside, _clamped(inner, degree), degree).toarray()
 

@@ -5,7 +5,7 @@ Rotations go from world to camera, X = R (P - C); the camera looks along z, x ri
 
 from corridor.core.geometry.helmert import Similarity, helmert_motions, relative_width, similarity
 from corridor.core.geometry.intersection import Rays, intersect, meeting_points
-from corridor.core.geometry.resampling import by_contrasts, honest, jackknife
+from corridor.core.geometry.resampling import cluster_robust_sigma, jackknife, sigma_by_test
 from corridor.core.geometry.resection import closed_pose, refine_poses
 from corridor.core.geometry.robust import (
     CLIPPED,
@@ -30,42 +30,3 @@ from corridor.core.geometry.rotations import (
     vector_from_rotation,
 )
 from corridor.core.geometry.vectors import cross, dot, few_sines, left_jacobian, rotated, sines
-
-__all__ = [
-    "CLIPPED",
-    "GROSS",
-    "OUTLIER",
-    "UNUSABLE",
-    "Rays",
-    "Similarity",
-    "angles_from_rotation",
-    "by_contrasts",
-    "closed_pose",
-    "cross",
-    "dot",
-    "few_sines",
-    "helmert_motions",
-    "honest",
-    "intersect",
-    "is_outlier",
-    "jackknife",
-    "left_jacobian",
-    "meeting_points",
-    "nearest_rotation",
-    "quaternion_from_rotation",
-    "refine_poses",
-    "relative_width",
-    "right_jacobian",
-    "robust_scale",
-    "robust_scale_of_lengths",
-    "roll_pitch_yaw_from_rotation",
-    "rotated",
-    "rotation_from_angles",
-    "rotation_from_quaternion",
-    "rotation_from_roll_pitch_yaw",
-    "rotation_from_vector",
-    "similarity",
-    "sines",
-    "skew",
-    "vector_from_rotation",
-]

@@ -16,7 +16,7 @@ def jackknife(values: Sequence[float]) -> float:
     return float(np.sqrt((count - 1) / count * np.sum((np.asarray(values) - np.mean(values)) ** 2)))
 
 
-def by_contrasts(
+def cluster_robust_sigma(
     whole: float, sigma: float, left: Sequence[float], left_sigma: Sequence[float]
 ) -> tuple[float, float]:
     """Standard deviation of an estimate by what it becomes without each group, and its freedom.
@@ -36,7 +36,7 @@ def by_contrasts(
     return float(sigma * np.sqrt(factor)), float(share.sum() ** 2 / np.sum(share**2) - 1.0)
 
 
-def honest(formal: float, by_groups: float, free: float) -> float:
+def sigma_by_test(formal: float, by_groups: float, free: float) -> float:
     """The formal sigma, or that of groups left out in turn where it contradicts the formal one.
 
     Few groups scatter themselves, with so many degrees of freedom: theirs is taken where it is

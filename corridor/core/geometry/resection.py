@@ -9,14 +9,14 @@ from corridor.core.engine.compiled import compiled
 from corridor.core.geometry.vectors import rotated, sines
 
 # So many points are few: all of them count, and none is set aside.
-FEW = 6
+FEW_POINTS = 6
 
 
 def closed_pose(points: np.ndarray, rays: np.ndarray, gate: float):
     """Rotation, centre and agreeing share of a resection on points near the origin, or None."""
     import cv2  # a second and 50 MB
 
-    few = len(points) < FEW
+    few = len(points) < FEW_POINTS
     cv2.setRNGSeed(0)
     try:
         if few:

@@ -35,47 +35,10 @@ from corridor.core.gnss.interpolation import (
 from corridor.core.gnss.reading import read_exposures, read_track
 from corridor.core.gnss.slow_noise import SlowNoise
 from corridor.core.gnss.track import GEOCENTRIC, GEOGRAPHIC, Track, check_quality
+from corridor.core.registry import offered
 
-__all__ = [
-    "CORRELATION_S",
-    "GEOCENTRIC",
-    "GEOGRAPHIC",
-    "MAX_SIGMA_M",
-    "METHODS",
-    "SLOW_SHARES",
-    "Alignment",
-    "Antenna",
-    "Exposures",
-    "Interpolated",
-    "Interpolation",
-    "Local",
-    "SlowNoise",
-    "Track",
-    "about_the_middle",
-    "align",
-    "antenna",
-    "convert",
-    "frame_of_block",
-    "geographic_positions",
-    "grid_distortion",
-    "in_metres",
-    "in_world",
-    "interpolate",
-    "known_crs",
-    "local_of",
-    "local_table",
-    "moved",
-    "of_block",
-    "outside_area",
-    "photographs_in",
-    "read_exposures",
-    "read_track",
-    "segments",
-    "to_local",
-    "check_quality",
-    "world_crs",
-]
+__all__ = offered(globals())
 
 
 def __dir__():
-    return sorted(__all__)
+    return __all__

@@ -14,8 +14,10 @@ from corridor.core.photographs.metadata import (
 )
 from corridor.core.photographs.opening import FAULTS, MOST_PIXELS, fault, open_picture
 from corridor.core.photographs.published import (
+    GlobalShutter,
     PublishedReadout,
     compared,
+    global_shutter,
     of_picture,
     published_readouts,
 )
@@ -24,12 +26,14 @@ __all__ = [
     "FAULTS",
     "MOST_PIXELS",
     "SUFFIXES",
+    "GlobalShutter",
     "Metadata",
     "PublishedReadout",
     "StatedFocal",
     "Taken",
     "compared",
     "fault",
+    "global_shutter",
     "of_picture",
     "open_picture",
     "photographs_in",

@@ -1,4 +1,4 @@
-"""Readout times that others have published, by camera: a prior, and a check of a measurement.
+"""What is published of cameras: readout times, a prior and a check of a measurement, and shutters.
 
 The table beside this package, `published_readout_times.csv`, holds 1,223 of them with method and
 source. They count all rows (rows times row time); `readout_ms` of `Readout` runs from the first
@@ -13,7 +13,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
 
-_TABLE = "published_readout_times.csv"
+_TABLE, _GLOBAL = "published_readout_times.csv", "global_shutters.csv"
+# EXIF writes 1/2000 s as 0.0005, or as 0.000499.
+_EXPOSED = 0.99
 # A picture has the shape, the number of pixels of a mode within these.
 _SHAPE, _PIXELS = 0.02, 0.1
 _FAR = 0.2  # of the nearest published value: further off is worth a word
@@ -32,10 +34,64 @@ class PublishedReadout:
     source: str
 
 
+@dataclass(frozen=True)
+class GlobalShutter:
+    """A camera that exposes all rows at once.
+
+    picture: size of its pictures as taken, "5280x3956", where other cameras share its name.
+    shortest_s: shorter exposures are not its mechanical shutter's; None: there are none.
+    """
+
+    make: str
+    model: str
+    product: str
+    picture: str
+    shortest_s: float | None
+    source: str
+
+    def takes(self, size: tuple[int, int] | None = None, exposure_s: float | None = None) -> bool:
+        """Whether a picture of this size, exposed so long, has its rows exposed at once."""
+        fits = size is None or self.picture in ("", f"{size[0]}x{size[1]}")
+        return fits and not (
+            self.shortest_s and exposure_s and exposure_s < _EXPOSED * self.shortest_s
+        )
+
+    def __str__(self) -> str:
+        return f"{self.make} {self.product} ({self.model}), {self.source}"
+
+
+@lru_cache(maxsize=1)
+def _global_table() -> dict[str, GlobalShutter]:
+    """By the names that a camera goes by."""
+    rows = [
+        GlobalShutter(
+            **row | {"shortest_s": float(row["shortest_s"]) if row["shortest_s"] else None}
+        )
+        for row in csv.DictReader(_lines(_GLOBAL))
+    ]
+    return {
+        _plain(name): row
+        for row in rows
+        for called in (row.model, row.product)
+        for name in (called, f"{row.make} {called}")
+    }
+
+
+def global_shutter(camera: str) -> GlobalShutter | None:
+    """The camera of this model, or make and model, if it is known to expose all rows at once.
+
+    camera: as EXIF or a person writes it ("DJI FC6310R", "Phantom 4 RTK").
+    """
+    return _global_table().get(_plain(camera))
+
+
+def _lines(table: str) -> list[str]:
+    return (files("corridor.photographs") / table).read_text(encoding="utf-8").splitlines()
+
+
 @lru_cache(maxsize=1)
 def published_table() -> tuple[PublishedReadout, ...]:
     """All published readout times."""
-    text = (files("corridor.photographs") / _TABLE).read_text(encoding="utf-8")
     return tuple(
         PublishedReadout(
             row["make"],
@@ -46,7 +102,7 @@ def published_table() -> tuple[PublishedReadout, ...]:
             row["method"],
             row["source"],
         )
-        for row in csv.DictReader(text.splitlines())
+        for row in csv.DictReader(_lines(_TABLE))
     )
 
 

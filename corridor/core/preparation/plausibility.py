@@ -20,9 +20,9 @@ from corridor.core.geometry import (
     rotation_from_quaternion,
 )
 from corridor.core.output import counted
-from corridor.core.preparation.plausibility_of_motion import motion_doubts
-from corridor.core.preparation.slips_of_earth import earth_doubts
-from corridor.core.preparation.turned_images import turned_images
+from corridor.core.preparation.half_turns import turned_images
+from corridor.core.preparation.plausibility_of_motion import motion_warnings
+from corridor.core.preparation.plausibility_on_earth import earth_warnings
 
 # Readouts of frame sensors end at a quarter of a second.
 SLOWEST_READOUT_S = 0.5
@@ -52,23 +52,25 @@ _FAR_M, _FAR_UP_M, _GEOID_M = 100.0, 10.0, 120.0
 _UNLIKE = 0.4
 # An image is astray from here on; where more than this share are, all of them are.
 _STRAY_M, _FEW, _FEWEST = 1.0, 0.1, 5
+# Positions belong to another image by so many places, and lie so much nearer to it.
+_PLACES, _ELSEWHERE = 3, 0.2
 # Drones and small aircraft fly no higher above ground, m.
 _HIGHEST_M = 3000.0
 _FOOT_M = 0.3048
 _REMEDY = "x is east, y north, in metres less the block's offset."
 
 
-def doubts(block: Block) -> list[str]:
+def plausibility_warnings(block: Block) -> list[str]:
     """Sentences on what is probably a mistake in a block, the gravest first."""
     return [
-        *earth_doubts(block),
+        *earth_warnings(block),
         *_positions(block),
         *_pictures(block),
         # Where tie points are turned, marks are turned with them.
-        *(list(_axes(block)) or list(turned_images(block)) or _marks_of_other_pictures(block)),
+        *(list(mirrored(block)) or list(turned_images(block)) or _marks_of_other_pictures(block)),
         *_settings(block),
         *_passed_over(block),
-        *motion_doubts(block),
+        *motion_warnings(block),
     ]
 
 
@@ -204,8 +206,9 @@ def _outside(block, camera, mine, pixels) -> str:
     )
 
 
-def _axes(block: Block) -> Iterator[str]:
-    """Axes of the image coordinates, where start values tell which way they point."""
+def mirrored(block: Block) -> Iterator[str]:
+    """A sentence on axes of the image coordinates that no pose of a camera makes of the others, as
+    start values tell."""
     rows = block.tie_points
     step = max(len(rows) // 2000, 1)
     image = block.image_rows("tie_points")[::step]
@@ -229,6 +232,11 @@ def _axes(block: Block) -> Iterator[str]:
         yield (
             "Image coordinates run against the start poses in y: is y counted upwards? It is "
             "counted downwards from the centre of the top-left pixel."
+        )
+    elif xu < -_CLEAR and yv > _CLEAR:
+        yield (
+            "Image coordinates run against the start poses in x: are the pictures mirrored? x is "
+            "counted to the right from the centre of the top-left pixel."
         )
     elif xv > _CLEAR and yu > _CLEAR:
         yield (
@@ -295,7 +303,9 @@ def _positions(block: Block) -> Iterator[str]:
     centres = block.numbers("images", *"xyz")
     antenna = np.full(centres.shape, np.nan)
     antenna[block.image_rows("gnss")] = block.numbers("gnss", *"xyz")
-    told = against("gnss.csv", antenna, "images.csv", centres)
+    told = position_difference("gnss.csv", antenna, "images.csv", centres) or _displaced(
+        block, antenna, centres
+    )
     if told:
         yield told
     posed = np.isfinite(centres).all(axis=1).sum() > 2
@@ -305,7 +315,36 @@ def _positions(block: Block) -> Iterator[str]:
         yield f"ground.csv {told} {file}: {_REMEDY}"
 
 
-def against(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
+def _displaced(block: Block, antenna: np.ndarray, centres: np.ndarray) -> str:
+    """A sentence on positions (images, 3) that are those of other images, so many places on."""
+    time = block.column("images", "time_s")
+    order = np.lexsort((time, block.image_flight))
+    given, known = antenna[order], centres[order]
+    away = {
+        places: _median_apart(given[max(-places, 0) :], known[max(places, 0) :])
+        for places in range(-_PLACES, _PLACES + 1)
+    }
+    best = min(away, key=lambda places: away[places])
+    if not best or not away[best] < min(_ELSEWHERE * away[0], away[0] - _STRAY_M):
+        return ""
+    which = "image" if abs(best) == 1 else f"{abs(best)} images"
+    return (
+        f"gnss.csv gives each image the position of the {which} {'after' if best > 0 else 'before'}"
+        f" it: so its positions lie {away[best]:.1f} m (median) from those of images.csv, and "
+        f"{away[0]:.1f} m as they are given. Was a photograph deleted, or a position lost? Give "
+        "each image its own."
+    )
+
+
+def _median_apart(given: np.ndarray, known: np.ndarray) -> float:
+    """How far positions (n, 3) and (m, 3) of the same rows lie apart horizontally, m."""
+    count = min(len(given), len(known))
+    away = (given[:count] - known[:count])[:, :2]
+    away = away[np.isfinite(away).all(axis=1)]
+    return float(np.median(np.linalg.norm(away, axis=1))) if len(away) >= _FEWEST else np.inf
+
+
+def position_difference(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
     """What is wrong with positions (n, 3) beside those of the same images; empty where nothing is.
 
     file, other: where they stand. Rows with NaN are left out.
@@ -344,7 +383,7 @@ def against(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
     return ""
 
 
-def unlike(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
+def position_disagreement(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
     """A sentence where positions (n, 3) go ways of their own beside those of the same images."""
     both = np.isfinite(given).all(axis=1) & np.isfinite(known).all(axis=1)
     if both.sum() < 4:
@@ -363,7 +402,9 @@ def unlike(file: str, given: np.ndarray, other: str, known: np.ndarray) -> str:
     )
 
 
-def stray(given: np.ndarray, other: str, known: np.ndarray, images: Sequence[str]) -> str:
+def position_outliers(
+    given: np.ndarray, other: str, known: np.ndarray, images: Sequence[str]
+) -> str:
     """A sentence on the few images whose two positions (n, 3) lie apart where the others' agree.
 
     other: where `known` stands. What is less than a metre, or than start poses miss, is not told.

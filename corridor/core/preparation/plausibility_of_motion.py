@@ -32,11 +32,15 @@ class _Pairs(NamedTuple):
     stated: np.ndarray
 
 
-def motion_doubts(block: Block) -> list[str]:
+# A way so many times as long as another, of so many images, is none that was flown.
+_TO_AND_FRO, _FEWEST = 2.0, 8
+
+
+def motion_warnings(block: Block) -> list[str]:
     """Sentences on times and velocities that are probably a mistake."""
-    backwards = [*_backwards(block), *_track_backwards(block)]
+    backwards = [*_backwards(block), *_track_backwards(block), *_disordered(block)]
     # Times that run backwards turn every velocity round.
-    return backwards or velocity_doubts(block)
+    return backwards or velocity_warnings(block)
 
 
 def _backwards(block: Block) -> Iterator[str]:
@@ -58,6 +62,33 @@ def _backwards(block: Block) -> Iterator[str]:
             f"images.csv: time_s falls{which} from image to image in the order of their names: are "
             "the times in the opposite order? Cameras number pictures as they take them."
         )
+
+
+def _disordered(block: Block) -> Iterator[str]:
+    """Flights whose images lie far nearer to each other by their names than by their times."""
+    time, names = block.column("images", "time_s"), block.images["image"].astype(str).to_numpy()
+    centre = block.numbers("images", *"xyz")
+    known = np.isfinite(time) & np.isfinite(centre).all(axis=1)
+    for flight, called in enumerate(block.flight_names):
+        mine = np.flatnonzero((block.image_flight == flight) & known)
+        if len(mine) < _FEWEST:
+            continue
+        by_time = mine[np.argsort(time[mine], kind="stable")]
+        way = _way(centre[by_time])
+        # Of a river the names take long to sort: drones fly straight on from most images.
+        if not way > _TO_AND_FRO * float(np.linalg.norm(np.ptp(centre[mine], axis=0))):
+            continue
+        by_name = np.array(sorted(mine, key=lambda n: _key(names[n])))
+        if way > _TO_AND_FRO * _way(centre[by_name]):
+            yield (
+                f"images.csv: in the order of time_s flight {called} jumps to and fro, "
+                f"{way / 1000:.2g} km in all, and in the order of the names of its images "
+                f"{_way(centre[by_name]) / 1000:.2g} km: have the images each other's times?"
+            )
+
+
+def _way(centre: np.ndarray) -> float:
+    return float(np.linalg.norm(np.diff(centre, axis=0), axis=1).sum())
 
 
 def _track_backwards(block: Block) -> Iterator[str]:
@@ -91,7 +122,7 @@ _MISTAKEN = {
 _EXPLAINS, _BETTER = 0.5, 1.0 / 3.0
 
 
-def velocity_doubts(block: Block) -> list[str]:
+def velocity_warnings(block: Block) -> list[str]:
     """Velocities beside the way and the time from image to image of one strip, as sentences."""
     pairs = paired_speeds(block)
     count = len(pairs.told)

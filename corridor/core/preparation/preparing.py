@@ -12,8 +12,8 @@ import pandas as pd
 from corridor.core.block import RATES, SIGMAS, VELOCITY, Block, read
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.gnss import Antenna, of_block
-from corridor.core.preparation.plausibility import against
-from corridor.core.preparation.plausibility_of_motion import paired_speeds, velocity_doubts
+from corridor.core.preparation.plausibility import position_difference
+from corridor.core.preparation.plausibility_of_motion import paired_speeds, velocity_warnings
 from corridor.core.preparation.record import (
     AGREES,
     ARBITRARY,
@@ -190,7 +190,7 @@ def _as_flown(block: Block, sources: list[str]) -> Witness:
     poses = "the poses of images.csv"
     if poses in sources:
         return Witness("another source", UNCHECKED, "poses are the only one")
-    pairs, doubts = paired_speeds(block), velocity_doubts(block)
+    pairs, doubts = paired_speeds(block), velocity_warnings(block)
     if doubts:
         return Witness(poses, CONTRADICTS, doubts[0])
     if len(pairs.told) < _LEAST_PAIRS or block.extra.get(FRAME) == ARBITRARY:
@@ -206,7 +206,7 @@ def _as_posed(block: Block) -> Witness:
     away = np.linalg.norm(given - centres, axis=1)
     if not np.isfinite(away).any():
         return Witness(poses, UNCHECKED, "there are none")
-    doubt = against("track.csv", given, "images.csv", centres)
+    doubt = position_difference("track.csv", given, "images.csv", centres)
     if doubt or block.extra.get(FRAME) == ARBITRARY:
         return Witness(
             poses, CONTRADICTS if doubt else UNCHECKED, doubt or "in a frame of their own"

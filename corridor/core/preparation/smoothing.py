@@ -28,6 +28,9 @@ from corridor.core.preparation.strips import track_runs
 FASTEST_M_S = 120.0
 # Steps of clocks that write whole seconds, halves, tenths.
 _STEPS = (1.0, 0.5, 0.1)
+# In a tenth of a second a drone flies some decimetres, as much as gusts take it along: its stamps
+# say enough for the stated deviations of its positions to count. Coarser ones do not.
+_FINE_S = 0.1
 # Variance of the velocity about its mean over the two intervals beside it, and over one at the
 # end of a strip, in squares of the difference D of the mean velocities of two neighbouring
 # intervals h: a random acceleration of density q makes E D^2 = 2 q h / 3, and variances q h / 6
@@ -91,14 +94,18 @@ def _smoothed(block: Block, place: np.ndarray, sigma: np.ndarray | None) -> np.n
     out = np.full((len(time), 9), np.nan)
     step = rounding(time)
     if step:
-        sigma, late = np.full(place.shape, np.nan), np.zeros(len(time), bool)
+        stated, sigma = sigma, np.full(place.shape, np.nan)
+        late = np.zeros(len(time), bool)
         for one in np.unique(path):
             rows = np.flatnonzero((path == one) & np.isfinite(place).all(axis=1))
             rows = rows[np.argsort(time[rows], kind="stable")]
             if len(rows) > 2:
-                time[rows], sigma[rows], late[rows] = _off_the_clock(time[rows], place[rows], step)
-        # At times that hold, positions say themselves how they scatter.
-        sigma = sigma if late.any() else None
+                known = stated[rows] if stated is not None and step <= _FINE_S else None
+                time[rows], sigma[rows], late[rows] = _off_the_clock(
+                    time[rows], place[rows], known, step
+                )
+        # At times that hold, positions say themselves how they scatter, but for fine stamps.
+        sigma = sigma if late.any() or (stated is not None and step <= _FINE_S) else None
     columns = {"time_s": time, **dict(zip("xyz", place.T, strict=True))}
     if sigma is not None:
         columns |= dict(zip(SIGMAS, sigma.T, strict=True))
@@ -156,9 +163,12 @@ def _between(
     return np.hstack([mean, own, slope - mean])
 
 
-def _off_the_clock(stamps: np.ndarray, place: np.ndarray, step: float):
+def _off_the_clock(stamps: np.ndarray, place: np.ndarray, stated: np.ndarray | None, step: float):
     """Times (n,) s of positions (n, 3) whose sorted stamps are rounded to `step` s, standard
     deviations (n, 3) m of positions at these times, and whether photographs have other times.
+
+    stated (n, 3): deviations of the positions, m. What they scatter along their way more than
+    across it is what the times are off.
 
     A timer makes even intervals: where positions scatter less about an even flight at times as
     regular as the stamps allow, these are the times. Where they scatter less at the stamps, they
@@ -177,6 +187,8 @@ def _off_the_clock(stamps: np.ndarray, place: np.ndarray, step: float):
         _, across, way = _scatter(stamps, place)
         speed = np.linalg.norm(np.diff(place, axis=0), axis=1) / np.maximum(np.diff(stamps), step)
         along = float(np.median(speed)) * step / np.sqrt(12)
+    elif stated is not None:
+        along, across = np.sqrt(max(along**2 - across**2, 0.0)), np.nan_to_num(stated)
     return stamps if late else regular, np.hypot(across, np.abs(way) * along), late
 
 

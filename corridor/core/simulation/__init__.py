@@ -18,24 +18,3 @@ from corridor.core.simulation.plan import (
 )
 from corridor.core.simulation.simulating import Simulated, perfect_block, simulate
 from corridor.core.simulation.terrain import Dike
-
-__all__ = [
-    "CAMLIGHT",
-    "Dike",
-    "Flight",
-    "Ground",
-    "Noise",
-    "ORDINARY_NOISE",
-    "Plan",
-    "Simulated",
-    "Start",
-    "Terrain",
-    "TiePoints",
-    "add_noise",
-    "cameras",
-    "perfect_block",
-    "reach",
-    "read_plan",
-    "ready_made",
-    "simulate",
-]

@@ -30,9 +30,9 @@ def variance_alarms(equations: Equations) -> list[dict]:
     length = 0.5 * (r**2).sum(axis=1) / np.maximum(1.0 - 1.5 / rows.multiplicity, 0.2)
     good = rows.tie & (length > 0)
     image, pixel = rows.image[good], rows.xy[good]
-    if good.sum() < SETTINGS.variance_fewest or len(np.unique(image)) < SETTINGS.variance_images:
+    if good.sum() < SETTINGS.fewest_ties or len(np.unique(image)) < SETTINGS.fewest_images:
         return []
-    value = np.minimum(length[good], SETTINGS.most_squared)
+    value = np.minimum(length[good], SETTINGS.student_nu + 2.0)
     half = (images.size[image] - 1) / 2
     place = (pixel - half) / half
     axis, sign = images.row_of[image, 0], np.sign(images.row_of[image, 1])
@@ -41,7 +41,7 @@ def variance_alarms(equations: Equations) -> list[dict]:
     time = images.time[image]
     if np.isfinite(time).all() and np.ptp(time) > 0:
         quantities["time"] = time
-    limit = float(-ndtri(0.5 * SETTINGS.variance_level / (len(quantities) + 1)))
+    limit = float(-ndtri(0.5 * SETTINGS.alarm_level / (len(quantities) + 1)))
     out = []
     for name, x in quantities.items():
         slope, error = _slope(x, value, image, len(images.names))
@@ -102,11 +102,11 @@ def _vibration(r, along, image, images, limit: float) -> dict | None:
     Under the null hypothesis the squared sum over a strip has the expectation of the sum of the
     squares; poses and points, which follow the noise, make it smaller.
     """
-    strip = np.clip(((along + 1.0) / 2.0 * SETTINGS.strips).astype(int), 0, SETTINGS.strips - 1)
-    code = image * SETTINGS.strips + strip
-    size = len(images.names) * SETTINGS.strips
+    strips = 2 * max(SETTINGS.places)
+    strip = np.clip(((along + 1.0) / 2.0 * strips).astype(int), 0, strips - 1)
+    code = image * strips + strip
+    size = len(images.names) * strips
     count = np.bincount(code, minlength=size)
-    kept = count >= SETTINGS.in_strip
     excess, usual = np.zeros(size), np.zeros(size)
     for k in range(2):
         sums = np.bincount(code, r[:, k], size)
@@ -114,12 +114,10 @@ def _vibration(r, along, image, images, limit: float) -> dict | None:
         # Pairs of different observations alone: wrong matches do not pair.
         excess += sums**2 - squares
         usual += squares
-    of_image = np.arange(size) // SETTINGS.strips
-    share = np.where(kept, excess, 0.0)
-    total = np.bincount(of_image, share, len(images.names))
-    each = np.bincount(of_image, np.where(kept, usual, 0.0), len(images.names))
-    pairs = float(np.where(kept, usual * (count - 1), 0.0).sum())
-    if pairs <= 0 or (each > 0).sum() < SETTINGS.variance_images:
+    of_image = np.arange(size) // strips
+    total, each = (np.bincount(of_image, part, len(images.names)) for part in (excess, usual))
+    pairs = float((usual * (count - 1)).sum())
+    if pairs <= 0 or (each > 0).sum() < SETTINGS.fewest_images:
         return None
     # Correlation within a strip, and what images say about how certain it is.
     correlation = total.sum() / pairs

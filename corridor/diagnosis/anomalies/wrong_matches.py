@@ -9,7 +9,7 @@ Where a pane covers part of the picture, single observations cross its rim: each
 aside as a wrong match, no shape that is fitted to all of them sees it, and what gives it away is
 that they lie together and point one way. Two observations of one point that lie close together in
 the picture, one on either side of a line, differ by noise; by the shift where the line is the rim.
-For upright and level lines all over the picture the pairs that jump by more than `outlier_scales`
+For upright and level lines all over the picture the pairs that jump by more than `detection_sigma`
 in one direction are counted. By chance as many would as at all other lines, and as many as in the
 other direction. Two images are matched in one go, and where they go wrong many of their points do
 so alike: in the end it is pairs of images that count, each by the median of its points.
@@ -47,7 +47,7 @@ class Ties:
     @property
     def far(self) -> np.ndarray:
         """Which of them the fit has set aside."""
-        return (self.residual**2).sum(axis=1) > SETTINGS.outlier_scales**2
+        return (self.residual**2).sum(axis=1) > SETTINGS.detection_sigma**2
 
 
 def ties_by_camera(adjustment: Adjustment) -> list[Ties]:
@@ -90,47 +90,31 @@ def outlier_clusters(adjustment: Adjustment) -> list[dict]:
 
 
 def _in_the_picture(ties: Ties) -> dict | None:
-    far, m = ties.far, int(ties.image.max()) + 1
-    cell = np.clip(
-        (ties.place / ties.size * SETTINGS.cluster_cells).astype(int),
-        0,
-        np.array(SETTINGS.cluster_cells) - 1,
-    )
-    code = (cell[:, 0] * SETTINGS.cluster_cells[1] + cell[:, 1]) * m + ties.image
-    whole = [
-        np.bincount(
-            code, weight, SETTINGS.cluster_cells[0] * SETTINGS.cluster_cells[1] * m
-        ).reshape(*SETTINGS.cluster_cells, m)
-        for weight in (None, far)
-    ]
-    best, tested = None, 0
-    for side in SETTINGS.cluster_squares:
-        seen, wrong = (_squares(one, side) for one in whole)
+    """Squares of the picture, from one cell to a quarter of it."""
+    far, images = ties.far, int(ties.image.max()) + 1
+    cells = 2 * np.array(SETTINGS.places)
+    cell = np.clip((ties.place / ties.size * cells).astype(int), 0, cells - 1)
+    code = np.ravel_multi_index((*cell.T, ties.image), (*cells, images))
+    count = (np.bincount(code, weight, cells.prod() * images) for weight in (None, far))
+    seen, wrong = (one.reshape(*cells, images) for one in count)
+    windows = []
+    for side in _doubling(cells.max() // 4):
+        n, k = (_squares(one, side) for one in (seen, wrong))
         # From image to image within the square.
-        n, k = seen.sum(axis=2), wrong.sum(axis=2)
-        share = k / np.maximum(n, 1)
-        spread = ((wrong - share[..., None] * seen) ** 2).sum(axis=2)
-        spread /= np.maximum(n * share * (1 - share), 1e-9)
-        log_p = _by_chance(k, n, far.mean(), spread)
-        log_p[(wrong > 0).sum(axis=2) < SETTINGS.cluster_images] = 0.0
-        tested += log_p.size
-        at = np.unravel_index(np.argmin(log_p), log_p.shape)
-        if best is None or log_p[at] < best[0]:
-            best = float(log_p[at]), np.array(at), side, int(k[at]), int(n[at])
-    log_p, at, side, k, n = best
-    log_p += np.log(tested)
-    if log_p > np.log(SETTINGS.outlier_level):
+        share = k.sum(axis=2) / np.maximum(n.sum(axis=2), 1)
+        spread = ((k - share[..., None] * n) ** 2).sum(axis=2)
+        spread /= np.maximum(n.sum(axis=2) * share * (1 - share), 1e-9)
+        k[(k > 0).sum(axis=2) < SETTINGS.fewest_images] = 0.0
+        windows.append((side, k.sum(axis=2), n.sum(axis=2), spread))
+    found = _crowd(windows, far.mean())
+    if found is None:
         return None
-    step = (ties.size - 1) / SETTINGS.cluster_cells
+    log_p, side, at, k, n = found
+    step = (ties.size - 1) / cells
     box = [*(at * step).tolist(), *((at + side) * step).tolist()]
     rest = (far.sum() - k) / max(len(far) - n, 1)
-    return _alarm(
-        log_p,
-        k / n / far.mean(),
-        f"wrong matches crowd between x = {box[0]:.0f} and {box[2]:.0f} px, y = {box[1]:.0f} and "
-        f"{box[3]:.0f} px: {100 * k / n:.0f} % there, {100 * rest:.0f} % elsewhere",
-        {"image": box},
-    )
+    where = f"between x = {box[0]:.0f} and {box[2]:.0f} px, y = {box[1]:.0f} and {box[3]:.0f} px"
+    return _alarm(log_p, k / n, far.mean(), rest, where, {"image": box})
 
 
 def _in_the_flight(every: list[Ties], images) -> dict | None:
@@ -140,39 +124,52 @@ def _in_the_flight(every: list[Ties], images) -> dict | None:
     wrong = sum((np.bincount(t.image, t.far, m) for t in every), np.zeros(m))
     order = np.lexsort((np.arange(m), images.time))
     order = order[seen[order] > 0]
-    if len(order) < 2 * SETTINGS.cluster_runs[-1] or not wrong.any():
+    lengths = _doubling(SETTINGS.run_of_images)
+    if len(order) < 2 * lengths[-1] or not wrong.any():
         return None
     seen, wrong = seen[order], wrong[order]
     usual = wrong.sum() / seen.sum()
     # The median, so that the crowd does not excuse itself.
-    each = (wrong - usual * seen) ** 2 / (seen * usual * (1 - usual))
-    spread = np.median(each) / chdtri(1, 0.5)
-    best, tested = None, 0
-    for length in SETTINGS.cluster_runs:
+    spread = np.median((wrong - usual * seen) ** 2 / (seen * usual * (1 - usual))) / chdtri(1, 0.5)
+    windows = []
+    for length in lengths:
         n, k = (np.convolve(one, np.ones(length), "valid") for one in (seen, wrong))
-        log_p = _by_chance(k, n, usual, np.full(len(n), spread))
-        tested += len(log_p)
-        first = int(np.argmin(log_p))
-        if best is None or log_p[first] < best[0]:
-            best = float(log_p[first]), first, length, int(k[first]), int(n[first])
-    log_p, first, length, k, n = best
-    log_p += np.log(tested)
-    if log_p > np.log(SETTINGS.outlier_level):
+        windows.append((length, k, n, spread))
+    found = _crowd(windows, usual)
+    if found is None:
         return None
+    log_p, length, (first,), k, n = found
     run = order[first : first + length]
-    names = [images.names[i] for i in run]
-    middle = run[length // 2]
+    names, middle = [images.names[k] for k in run], run[length // 2]
     where = {"flight": str(images.flight_names[images.flight[middle]])}
     if np.isfinite(images.time[run]).all():
         where["time_s"] = float(images.time[run].mean())
     rest = (wrong.sum() - k) / max(seen.sum() - n, 1)
     who = f"image {names[0]}" if length == 1 else f"the images from {names[0]} to {names[-1]}"
-    return _alarm(
-        log_p,
-        k / n / usual,
-        f"wrong matches crowd in {who}: {100 * k / n:.0f} % there, {100 * rest:.0f} % elsewhere",
-        where,
-    )
+    return _alarm(log_p, k / n, usual, rest, f"in {who}", where)
+
+
+def _doubling(most: int) -> list[int]:
+    """1, 2, 4 and so on up to `most`."""
+    return [2**n for n in range(int(most).bit_length())]
+
+
+def _crowd(windows: list[tuple], usual: float) -> tuple | None:
+    """The window least likely by chance: log p over all, its size and place, wrong ones and all.
+
+    windows: of each size the numbers of wrong ones and of all, and their spread. None where that
+    is not beyond the level.
+    """
+    best, tested = None, 0
+    for size, k, n, spread in windows:
+        log_p = _by_chance(k, n, usual, spread)
+        tested += log_p.size
+        at = np.unravel_index(np.argmin(log_p), log_p.shape)
+        if best is None or log_p[at] < best[0]:
+            best = float(log_p[at]), size, np.array(at), int(k[at]), int(n[at])
+    log_p = best[0] + float(np.log(tested))
+    # Squares of the picture and runs of the flight have half of the level each.
+    return None if log_p > np.log(SETTINGS.control_level / 2) else (log_p, *best[1:])
 
 
 def _log_chance(k, n, p) -> np.ndarray:
@@ -185,9 +182,8 @@ def _by_chance(k, n, usual: float, spread) -> np.ndarray:
     """Logarithm of how likely k and more of n are wrong; zero where that would be no crowd."""
     spread = np.maximum(spread, 1.0)
     log_p = _log_chance(np.ceil(k / spread), np.maximum(np.ceil(n / spread), 1), usual)
-    return np.where(
-        (k >= SETTINGS.cluster_fewest) & (k > SETTINGS.cluster_ratio * usual * n), log_p, 0.0
-    )
+    crowd = (k >= SETTINGS.fewest_images) & (k > SETTINGS.cluster_ratio * usual * n)
+    return np.where(crowd, log_p, 0.0)
 
 
 def _squares(cells: np.ndarray, side: int) -> np.ndarray:
@@ -200,13 +196,14 @@ def _squares(cells: np.ndarray, side: int) -> np.ndarray:
     return out
 
 
-def _alarm(log_p: float, ratio: float, where: str, location: dict) -> dict:
-    z = float(-ndtri(np.exp(max(log_p, -600.0))))
+def _alarm(log_p: float, share: float, usual: float, rest: float, where: str, location) -> dict:
+    """share: of wrong ones there; usual, rest: in the block, and elsewhere."""
     return {
         "quantity": "wrong matches",
-        "ratio": float(ratio),
-        "z": z,
-        "where": where,
+        "ratio": float(share / usual),
+        "z": float(-ndtri(np.exp(max(log_p, -600.0)))),
+        "where": f"wrong matches crowd {where}: {100 * share:.0f} % there, {100 * rest:.0f} % "
+        "elsewhere",
         "location": location,
     }
 
@@ -257,13 +254,13 @@ def broken_picture(adjustment: Adjustment) -> Unknown | None:
 def _worst(ties: Ties) -> Line | None:
     """The line that is the least likely by chance, where that is beyond the level."""
     longer = float(ties.size.max())
+    # Farther apart, a smooth deformation tells two of one point apart too.
+    reach = longer / (2 * max(SETTINGS.places))
     tested, best = 0, None
     for axis in (0, 1):
         order = np.lexsort((ties.place[:, axis], ties.point))
         place, point = ties.place[order, axis], ties.point[order]
-        near = np.flatnonzero(
-            (point[1:] == point[:-1]) & (place[1:] - place[:-1] < SETTINGS.line_reach * longer)
-        )
+        near = np.flatnonzero((point[1:] == point[:-1]) & (place[1:] - place[:-1] < reach))
         count = int(round(SETTINGS.lines * ties.size[axis] / longer))
         lines = np.arange(1, count) / count * (ties.size[axis] - 1)
         below = np.searchsorted(lines, place[near])
@@ -277,28 +274,28 @@ def _worst(ties: Ties) -> Line | None:
 
         every = crossing(np.ones(len(near), dtype=bool))
         for along in (0, 1):
-            ways = [sign * jump[:, along] > SETTINGS.outlier_scales for sign in (1, -1)]
+            ways = [sign * jump[:, along] > SETTINGS.detection_sigma for sign in (1, -1)]
             counts = [crossing(way) for way in ways]
             usual = 0.5 * sum(k.sum() for k in counts) / max(every.sum(), 1)
             for sign, (way, mine, against) in enumerate(
                 zip(ways, counts, counts[::-1], strict=True)
             ):
                 # Noise that is larger at this place jumps the other way as often.
-                chance = (against + SETTINGS.line_prior_pairs * usual) / (
-                    every + SETTINGS.line_prior_pairs
+                chance = (against + SETTINGS.clusters_of_prior * usual) / (
+                    every + SETTINGS.clusters_of_prior
                 )
                 chance = np.maximum(usual, chance)
                 log_p = _log_chance(mine, every, np.minimum(chance, 1.0))
                 tested += len(lines)
-                log_p[mine < SETTINGS.line_share * every] = 0.0
+                log_p[2 * mine < every] = 0.0
                 k = int(np.argmin(log_p))
                 over = (below <= k) & (k < above)
-                if len(np.unique(ties.image[other[over & way]])) < SETTINGS.line_images:
+                if len(np.unique(ties.image[other[over & way]])) < SETTINGS.fewest_images:
                     continue
                 pairs = np.column_stack([ties.image[one[over]], ties.image[other[over]]])
                 jumped, of = _of_images(pairs, jump[over, along], (1, -1)[sign])
                 chance_of_all = float(_log_chance(jumped, of, min(chance[k], 1.0)))
-                if jumped < SETTINGS.line_share * of:
+                if 2 * jumped < of:
                     continue
                 if best is not None and chance_of_all >= best.log_p:
                     continue
@@ -314,7 +311,7 @@ def _worst(ties: Ties) -> Line | None:
     if best is None:
         return None
     best = replace(best, log_p=best.log_p + float(np.log(tested)))
-    return best if best.log_p < np.log(SETTINGS.outlier_level) else None
+    return best if best.log_p < np.log(SETTINGS.control_level) else None
 
 
 def _of_images(pairs: np.ndarray, jump: np.ndarray, sign: int) -> tuple[int, int]:
@@ -322,4 +319,4 @@ def _of_images(pairs: np.ndarray, jump: np.ndarray, sign: int) -> tuple[int, int
     _, number = np.unique(np.sort(pairs, axis=1), axis=0, return_inverse=True)
     count = int(number.max(initial=-1)) + 1
     middle = np.array([np.median(jump[number == k]) for k in range(count)])
-    return int((sign * middle > SETTINGS.outlier_scales).sum()), count
+    return int((sign * middle > SETTINGS.detection_sigma).sum()), count

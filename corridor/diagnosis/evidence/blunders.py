@@ -19,10 +19,12 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from scipy.linalg import pinvh
 from scipy.special import chdtrc
 
-from corridor.diagnosis.evidence.evidence import Evidence
+from corridor.diagnosis.evidence.evidence import Beside, Evidence
 from corridor.diagnosis.settings import SETTINGS
+from corridor.diagnosis.system.elimination import Reduced
 from corridor.diagnosis.system.groups import Group
 
 HEIGHT, PLAN = ("z",), ("x", "y")
@@ -95,9 +97,7 @@ def stands(evidence: Evidence, wrong: Wrong, beside: Mapping[int, float]) -> boo
     at = np.concatenate(
         [evidence.groups[n].columns[_rows(evidence, n, part)] for n, part in wrong.of_point.items()]
     )
-    left = evidence.beside(beside)
-    g, M = left.g[at], left.M[np.ix_(at, at)]
-    statistic = float(g @ np.linalg.lstsq(M, g, rcond=None)[0])
+    statistic, _ = _chi_square(evidence.beside(beside), at)
     count = 2 * sum(group.point is not None for group in evidence.groups)
     return bool(chdtrc(len(at), statistic) * count < SETTINGS.control_level)
 
@@ -129,11 +129,9 @@ def explains_all(evidence: Evidence, wrong: Wrong) -> bool:
     wrong ones take of it, of as many degrees less.
     """
     at = np.concatenate([g.columns for g in evidence.groups if g.point is not None])
-    g, M = evidence.reduced.g[at], evidence.reduced.M[np.ix_(at, at)]
-    value, vector = np.linalg.eigh(M)
-    seen = value > SETTINGS.blind_information
-    left = float(np.sum((vector.T @ g)[seen] ** 2 / value[seen])) - wrong.statistic
-    free = int(seen.sum()) - sum(len(part) for part in wrong.parts)
+    statistic, rank = _chi_square(evidence.reduced, at)
+    free = rank - sum(len(part) for part in wrong.parts)
+    left = statistic - wrong.statistic
     return free <= 0 or bool(chdtrc(free, max(left, 0.0)) > SETTINGS.control_level)
 
 
@@ -142,13 +140,17 @@ def _tested(evidence: Evidence, hypothesis: Iterable[tuple[int, tuple[str, ...]]
     at = np.concatenate(
         [evidence.groups[n].columns[_rows(evidence, n, part)] for n, part in hypothesis]
     )
-    g, M = evidence.reduced.g[at], evidence.reduced.M[np.ix_(at, at)]
-    value, vector = np.linalg.eigh(M)
+    statistic, rank = _chi_square(evidence.reduced, at)
     # A coordinate that nothing else determines cannot be tested.
-    seen = value > SETTINGS.blind_information
-    statistic = float(np.sum((vector.T @ g)[seen] ** 2 / value[seen]))
-    chance = float(chdtrc(max(int(seen.sum()), 1), statistic)) if seen.all() else 1.0
+    chance = float(chdtrc(rank, statistic)) if rank == len(at) else 1.0
     return Wrong(points, parts, statistic, chance)
+
+
+def _chi_square(left: Reduced | Beside, at: np.ndarray) -> tuple[float, int]:
+    """g' M^-1 g of some columns (k,) of the core, and its degrees of freedom."""
+    M, g = left.M[np.ix_(at, at)], left.g[at]
+    inverse, rank = pinvh(M, atol=SETTINGS.blind_information, rtol=0.0, return_rank=True)
+    return float(g @ inverse @ g), rank
 
 
 def _rows(evidence: Evidence, n: int, part: tuple[str, ...]) -> list[int]:

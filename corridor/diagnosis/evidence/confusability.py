@@ -30,13 +30,13 @@ def confusability(evidence: Evidence, slugs: Iterable[str] | None = None) -> pd.
         if not g.generic and g.own is None and (slugs is None or g.slug in slugs)
     ]
     seen = [
-        g for g in groups if np.trace(evidence.block(g)[0]) > SETTINGS.unseen_information * len(g)
+        g for g in groups if np.trace(evidence.block(g)[0]) > SETTINGS.blind_information * len(g)
     ]
     names = list(dict.fromkeys(g.slug for g in seen))
     table = pd.DataFrame(np.eye(len(names)), index=names, columns=names)
     for b in seen:
         own = evidence.block(b)[0]
-        factor = np.linalg.inv(own + np.eye(len(b)) / SETTINGS.imitation_size**2)
+        factor = np.linalg.inv(own + np.eye(len(b)) / SETTINGS.prior_of_adjusted**2)
         for a in seen:
             if a.slug != b.slug:
                 share = _share(evidence, a, b, factor)

@@ -13,11 +13,11 @@ Source: Kass and Raftery 1995, "Bayes factors"; Chandler and Bate 2007 (phi: see
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import eigh
+from scipy.linalg import eigh, pinvh
 
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.elimination import Elimination, Reduced, rows_of
@@ -55,6 +55,18 @@ class Spectrum:
         gain = np.tensordot(0.5 * k2 / (1.0 + grown), h**2, axes=(1, 0))
         cost = 0.5 * np.log1p(grown).sum(axis=1)
         return gain - cost.reshape((-1,) + (1,) * (h.ndim - 1))
+
+
+def near_the_best(of: Callable[[float], float], start: float) -> dict[float, float]:
+    """Log evidence by size, from one near `start` to both sides until it falls far behind."""
+    sizes, each = np.array(SETTINGS.effect_sizes), {}
+    begin = int(np.argmin(np.abs(sizes - start)))
+    for some in (sizes[begin:], sizes[:begin][::-1]):
+        for size in some.tolist():
+            each[size] = of(size)
+            if each[size] < max(each.values()) - SETTINGS.model_log_odds:
+                break
+    return each
 
 
 def averaged(log_bayes: np.ndarray) -> np.ndarray:
@@ -175,6 +187,13 @@ class Evidence:
         """Of groups n -> kappa those that images share."""
         return {n: kappa for n, kappa in chosen.items() if self.groups[n].own is None}
 
+    def laid(self, core: Mapping[int, Size]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Columns (q,) of groups n -> kappa that images share, and sizes and means of these."""
+        groups = [self.groups[n] for n in core]
+        sizes = [np.broadcast_to(k, len(g)) for g, k in zip(groups, core.values(), strict=True)]
+        each = [group.columns for group in groups], sizes, [prior_mean(group) for group in groups]
+        return tuple(np.concatenate(one) for one in each)
+
     def rows(self, chosen: Mapping[int, Size]):
         """Groups n -> kappa as rows of an elimination."""
         return rows_of((self.groups[n], kappa) for n, kappa in chosen.items())
@@ -213,11 +232,7 @@ class Evidence:
         fit, cost = r.fit - self.reduced.fit, r.cost - self.reduced.cost
         if not core:
             return Beside(r.M, r.g, fit, cost)
-        groups = [self.groups[n] for n in core]
-        at = np.concatenate([group.columns for group in groups])
-        sizes = [np.broadcast_to(k, len(g)) for g, k in zip(groups, core.values(), strict=True)]
-        kappa = np.concatenate(sizes)
-        mean = np.concatenate([prior_mean(group) for group in groups])
+        at, kappa, mean = self.laid(core)
         inside, to_core = r.M[np.ix_(at, at)], r.M[at]
         inverse, logdet = inverted(inside + np.diag(kappa**-2.0))
         expected = inside @ mean
@@ -280,12 +295,11 @@ class Evidence:
     def _of_core(self, chosen: Mapping[int, Size]) -> tuple[np.ndarray, np.ndarray]:
         """Parameters (q,) and covariance (q, q) of a model's groups in the core together."""
         core = self.of_core(chosen)
-        r, groups = self._system(self.of_images(chosen)), [self.groups[n] for n in core]
-        at = np.concatenate([group.columns for group in groups])
-        mean = np.concatenate([prior_mean(group) for group in groups])
-        sizes = [np.broadcast_to(k, len(g)) for g, k in zip(groups, core.values(), strict=True)]
+        r, (at, kappa, mean) = self._system(self.of_images(chosen)), self.laid(core)
         M = r.M[np.ix_(at, at)]
-        covariance = _determined(M + np.diag(np.concatenate(sizes) ** -2.0))
+        # Zero in what is not determined.
+        M_held = M + np.diag(kappa**-2.0)
+        covariance = pinvh(M_held, atol=SETTINGS.blind_information, rtol=0.0)
         return mean + covariance @ (r.g[at] - M @ mean), covariance
 
     def honest(self, n: int, covariance: np.ndarray) -> np.ndarray:
@@ -344,29 +358,26 @@ class Evidence:
             value, _ = gain(1.0)
             return Gain(value + group.log_prior, 1.0, value)
         sizes, log_weight = effect_sizes()
-        each = np.full(len(sizes), -np.inf)
-        fits = np.zeros(len(sizes))
-        for k, size in enumerate(sizes):
-            each[k], fits[k] = gain(float(size))
-            if each[k] < each.max() - SETTINGS.model_log_odds:
-                break
+        found = near_the_best(lambda size: gain(size)[0], 0.0)
+        each = np.array([found.get(size, -np.inf) for size in sizes.tolist()])
         best = int(np.argmax(each + log_weight))
-        fit = fits[best]
-        if each[best] > 0.0 and sizes[best] < SETTINGS.least_fit_size:
-            _, fit = gain(SETTINGS.least_fit_size)
-        return Gain(float(averaged(each) + group.log_prior), float(sizes[best]), float(fit))
+        size = float(sizes[best])
+        _, fit = gain(max(size, SETTINGS.least_fit_size) if each[best] > 0.0 else size)
+        return Gain(float(averaged(each) + group.log_prior), size, float(fit))
 
     def likeliest(self, chosen: Mapping[int, Size], n: int) -> float:
         """The size of the n-th group of a model that makes it most likely."""
-        sizes, _ = effect_sizes()
-        each: dict[float, float] = {}
-        begin = int(np.argmin(np.abs(sizes - np.max(chosen[n]))))
-        for some in (sizes[begin:], sizes[:begin][::-1]):
-            for size in some.tolist():
-                each[size] = self.total({**chosen, n: size})
-                if each[size] < max(each.values()) - SETTINGS.model_log_odds:
-                    break
+        each = near_the_best(lambda size: self.total({**chosen, n: size}), np.max(chosen[n]))
         return max(each, key=each.get)
+
+    def of_scores(self, core: np.ndarray) -> Iterator[np.ndarray]:
+        """Log evidence (k,) of each group that images share alone, of scores (c, k) of the core."""
+        for group in self.groups:
+            if group.known or group.own is not None or not len(group) or group.key in self.barred:
+                continue
+            spectrum = Spectrum.of(self.block(group)[0])
+            each = spectrum.log_bayes(spectrum.vector.T @ core[group.columns])
+            yield averaged(each) + group.log_prior
 
 
 def _keep(kept: dict, key: tuple, value, most: int) -> None:
@@ -392,14 +403,6 @@ def inverted(M: np.ndarray) -> tuple[np.ndarray, float]:
     turned = scale[:, None] * vector
     logdet = float(np.log(value).sum()) - 2.0 * float(np.log(scale).sum())
     return (turned / value) @ turned.T, logdet
-
-
-def _determined(M: np.ndarray) -> np.ndarray:
-    """Inverse (p, p) of M, zero in what it does not determine."""
-    value, vector = eigh(M, check_finite=False)
-    known = value > SETTINGS.blind_information
-    inverse = np.where(known, 1.0 / np.maximum(value, SETTINGS.blind_information), 0.0)
-    return (vector * inverse) @ vector.T
 
 
 def _of_a_point(group: Group, M, g, whole: Gain) -> Gain:

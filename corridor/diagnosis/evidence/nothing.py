@@ -23,7 +23,7 @@ import numpy as np
 from scipy.special import chdtr, chdtri
 
 from corridor.core.adjustment import Design, LinearSystem, Sets
-from corridor.diagnosis.evidence.evidence import Evidence, Spectrum, averaged
+from corridor.diagnosis.evidence.evidence import Evidence, Spectrum
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.elimination import Elimination
 
@@ -41,7 +41,8 @@ def probability_of_nothing(evidence: Evidence, rng: np.random.Generator) -> floa
     """
     drawn = null_scores(evidence, SETTINGS.null_draws, rng)
     every = np.concatenate([evidence.reduced.g[:, None], drawn], axis=1)
-    found = together(evidence, every / _size(evidence, every))
+    each = evidence.of_scores(every / _size(evidence, every))
+    found = np.logaddexp.reduce([np.full(every.shape[1], -np.inf), *each], axis=0)
     return float((1 + np.count_nonzero(found[1:] >= found[0])) / len(found))
 
 
@@ -60,18 +61,6 @@ def _size(evidence: Evidence, core: np.ndarray) -> np.ndarray:
     # Mean of such squares of a normal variable below the quantile q: F_3(q) / F_1(q).
     usual = chdtr(3.0, chdtri(1.0, 1.0 - _LOWER)) / _LOWER
     return np.sqrt(lower.mean(axis=0) / usual)
-
-
-def together(evidence: Evidence, core: np.ndarray) -> np.ndarray:
-    """What all groups that images share say together (k,), of scores of the core (c, k)."""
-    each = [np.full(core.shape[1], -np.inf)]
-    for group in evidence.groups:
-        if group.known or group.own is not None or not len(group) or group.key in evidence.barred:
-            continue
-        spectrum = Spectrum.of(evidence.block(group)[0])
-        h = spectrum.vector.T @ core[group.columns]
-        each.append(averaged(spectrum.log_bayes(h)) + group.log_prior)
-    return np.logaddexp.reduce(each, axis=0)
 
 
 def null_scores(evidence: Evidence, draws: int, rng: np.random.Generator) -> np.ndarray:
@@ -140,7 +129,7 @@ def runs(system: LinearSystem) -> np.ndarray:
     images = system.images
     time = np.where(np.isfinite(images.time), images.time, system.image_order)
     order = np.lexsort((system.image_order, time, images.flight))
-    count = max(len(order) // SETTINGS.run_of_images, 1)
+    count = np.clip(len(order) // SETTINGS.run_of_images, 1, _MOST_RUNS)
     run = np.empty(len(order), dtype=np.int64)
-    run[order] = np.arange(len(order)) * min(count, _MOST_RUNS) // len(order)
+    run[order] = np.arange(len(order)) * count // len(order)
     return run

@@ -9,12 +9,11 @@ from corridor.diagnosis.evidence.search import Found, tuned
 from corridor.diagnosis.settings import SETTINGS
 
 
-def plausible(evidence: Evidence, found: Found, model: list[str], threshold: float) -> Found:
+def plausible(evidence: Evidence, found: Found, threshold: float) -> Found:
     """What was found without what stands in for something else.
 
-    model: keys of the groups that the adjustment at hand estimates. threshold: of a suspicion.
+    threshold: of a suspicion.
     """
-    found = _kept(evidence, found, model)
     found = _at_any_size(evidence, found, threshold)
     return _without_parts(evidence, found)
 
@@ -98,23 +97,6 @@ def _bounded(group) -> bool:
     return group.most is not None and bool(np.isfinite(group.most).any()) and not group.known
 
 
-def _kept(evidence: Evidence, found: Found, model: list[str]) -> Found:
-    """The model that is in place, where another of its size is hardly better.
-
-    Look-alikes would take turns for ever; that they are look-alikes is said in the verdict.
-    """
-    there = [key for key in model if key in evidence.number and key not in evidence.barred]
-    numbers = [evidence.number[key] for key in there]
-    if not numbers or len(numbers) != len(found.chosen) or set(numbers) == set(found.chosen):
-        return found
-    if not found.kept <= set(numbers):
-        return found
-    mine = tuned(evidence, dict.fromkeys(numbers, 1.0))
-    if found.total - evidence.total(mine) > SETTINGS.model_log_odds:
-        return found
-    return Found.of(evidence, mine, found.kept).ordered
-
-
 def _at_any_size(evidence: Evidence, found: Found, threshold: float) -> Found:
     """The model without what is there only because another effect was held small.
 
@@ -153,7 +135,7 @@ def _without_parts(evidence: Evidence, found: Found) -> Found:
         or not any(
             _shows(groups[n]) == _shows(groups[k])
             and (
-                found.evidence[n] < SETTINGS.share_beside_generic * found.evidence[k]
+                found.evidence[n] < SETTINGS.same_fit_share * found.evidence[k]
                 or (kappa >= SETTINGS.implausible_size and not groups[n].generic)
             )
             and _overlap(evidence, found, n, k)
@@ -170,7 +152,7 @@ def _overlap(evidence: Evidence, found: Found, n: int, shape: int) -> bool:
     """Whether the n-th group brings another amount beside a shape than without it."""
     rest = {k: kappa for k, kappa in found.chosen.items() if k not in (n, shape)}
     bare, beside = evidence.given(rest)[n].evidence, found.evidence[n]
-    return min(bare, beside) < SETTINGS.share_of_its_own * max(bare, beside)
+    return min(bare, beside) < SETTINGS.same_fit_share * max(bare, beside)
 
 
 def _shows(group) -> str:

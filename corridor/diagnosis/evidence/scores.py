@@ -22,6 +22,7 @@ import numpy as np
 
 from corridor.core.adjustment import Adjustment
 from corridor.diagnosis.evidence.evidence import Evidence, inverted
+from corridor.diagnosis.evidence.nothing import runs
 from corridor.diagnosis.evidence.search import Found
 from corridor.diagnosis.noise.image import places
 from corridor.diagnosis.settings import SETTINGS
@@ -289,7 +290,8 @@ def _spread(influence: Influence, b: np.ndarray, cluster: np.ndarray) -> Spread:
     ratio, m = _ratio(influence, b, cluster)
     total = float(m.sum())
     count = total**2 / float((m**2).sum()) if total > 0.0 else 0.0
-    if count < SETTINGS.fewest_clusters:
+    # Fewer say nothing of a spread, once their mean is taken off.
+    if count < SETTINGS.fewest - 1:
         return Spread(1.0, 0.0, total)
     return Spread(ratio, count, total)
 
@@ -321,9 +323,8 @@ def responding(
     core = np.zeros((len(r.g), len(group)))
     core[group.columns] = np.eye(len(group))
     if rest:
-        at = np.concatenate([evidence.groups[k].columns for k in rest])
-        sizes = [np.broadcast_to(v, len(evidence.groups[k])) for k, v in rest.items()]
-        inverse, _ = inverted(r.M[np.ix_(at, at)] + np.diag(np.concatenate(sizes) ** -2.0))
+        at, sizes, _ = evidence.laid(rest)
+        inverse, _ = inverted(r.M[np.ix_(at, at)] + np.diag(sizes**-2.0))
         core[at] = -inverse @ r.M[np.ix_(at, group.columns)]
     columns = group.columns
     return core, left.M[np.ix_(columns, columns)], left.g[columns]
@@ -331,12 +332,6 @@ def responding(
 
 def clusters(equations: Equations) -> list[np.ndarray]:
     """Numbers (n,) of the cluster of each observation, -1 outside: runs of images, and places."""
-    system = equations.system
-    rows, images = system.image_rows, system.images
-    time = np.where(np.isfinite(images.time), images.time, system.image_order)
-    order = np.lexsort((system.image_order, time, images.flight))
-    run_of_image = np.empty(len(order), dtype=np.int64)
-    run_of_image[order] = np.arange(len(order)) // SETTINGS.run_of_images
-    run = run_of_image[rows.image]
-    tie, place = rows.tie, places(rows.xy, images.size[rows.image])
-    return [np.where(tie, run, -1), np.where(tie, place, -1)]
+    system, rows = equations.system, equations.system.image_rows
+    place = places(rows.xy, system.images.size[rows.image])
+    return [np.where(rows.tie, one, -1) for one in (runs(system)[rows.image], place)]

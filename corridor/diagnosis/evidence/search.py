@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from corridor.diagnosis.evidence.evidence import Evidence, Spectrum, averaged
+from corridor.diagnosis.evidence.evidence import Evidence, Spectrum
 from corridor.diagnosis.settings import SETTINGS
 
 
@@ -78,7 +78,13 @@ def search(evidence: Evidence, threshold: float, adjusted=(), kept: Collection[i
         chosen = tuned(evidence, chosen)
         if set(chosen) == set(before):
             break
-    chosen = _without_leftovers(evidence, chosen, threshold, adjusted, kept)
+
+    def leftover(n: int) -> float:
+        # A generic shape stands in for physics, and leaves some of them however it is adjusted.
+        known = evidence.groups[n].key in adjusted and not evidence.groups[n].generic
+        return SETTINGS.leftover_share_adjusted if known else SETTINGS.leftover_share
+
+    chosen = _dropped(evidence, chosen, threshold, kept, leftover)
     return Found.of(evidence, chosen, kept).ordered
 
 
@@ -91,11 +97,15 @@ def contributions(evidence: Evidence, chosen: dict[int, float]) -> dict[int, flo
     return out
 
 
-def _dropped(evidence, chosen, threshold, kept):
+def _dropped(evidence, chosen, threshold, kept, leftover=lambda n: 0.0):
+    """Without groups that bring less than the threshold, or than what the others leave.
+
+    leftover: share of the evidence of a group that its linearisation, or its physics, may leave.
+    """
     while len(chosen) > len(kept):
         each = contributions(evidence, chosen)
         least = min((n for n in each if n not in kept), key=each.get)
-        if each[least] > threshold:
+        if each[least] > max(threshold, *(leftover(n) * gain for n, gain in each.items())):
             break
         chosen = {k: v for k, v in chosen.items() if k != least}
     return chosen
@@ -166,37 +176,17 @@ def tuned(evidence: Evidence, chosen: dict[int, float]) -> dict[int, float]:
     return chosen
 
 
-def _without_leftovers(evidence, chosen, threshold, adjusted, kept):
-    while True:
-        each = contributions(evidence, chosen)
-        left = 0.0
-        for n, gain in each.items():
-            # A generic shape stands in for physics, and leaves some of them however it is adjusted.
-            known = evidence.groups[n].key in adjusted and not evidence.groups[n].generic
-            left = max(
-                left,
-                gain * (SETTINGS.leftover_share_adjusted if known else SETTINGS.leftover_share),
-            )
-        small = [n for n in each if n not in kept and each[n] < max(left, threshold)]
-        if not small:
-            return chosen
-        least = min(small, key=each.get)
-        chosen = {k: v for k, v in chosen.items() if k != least}
-
-
 def thresholds(evidence: Evidence, level: float, rng: np.random.Generator) -> dict[str, float]:
     """Log evidence beyond which a group is `named` (`beside_noise`: the antenna's) and `suspected`.
 
-    level: probability of a false name in a block without any; suspected: five times that, and
-    5 % at most.
+    level: probability of a false name in a block without any; suspected: one block in twenty.
     """
     largest = largest_of_null(evidence, SETTINGS.null_draws, rng)
     rare = float(np.quantile(largest, 1.0 - level))
-    at_suspicion = min(SETTINGS.suspected_level_factor * level, SETTINGS.suspected_level_most)
-    less_rare = float(np.quantile(largest, 1.0 - max(at_suspicion, level)))
+    less_rare = float(np.quantile(largest, 1.0 - max(SETTINGS.doubt_level, level)))
     return {
         "named": max(rare, SETTINGS.named_least),
-        "beside_noise": max(rare, SETTINGS.beside_noise_least),
+        "beside_noise": max(rare, SETTINGS.model_log_odds),
         "suspected": max(less_rare, SETTINGS.suspected_least),
     }
 
@@ -207,16 +197,8 @@ def largest_of_null(evidence: Evidence, draws: int, rng: np.random.Generator) ->
     Values for each image are many, and in such a block their Bayes factor is far below one; beyond
     e^T it is by a chance of e^-T at most, whatever there is (Good 1950).
     """
-    r = evidence.reduced
+    whole = Spectrum.of(evidence.reduced.M)
+    normal = rng.standard_normal((len(whole.value), draws))
+    core = whole.vector @ (np.sqrt(whole.value)[:, None] * normal)
     # No effect at all has the evidence zero.
-    largest = np.zeros(draws)
-    whole = Spectrum.of(r.M)
-    core = whole.vector @ (np.sqrt(whole.value)[:, None] * rng.standard_normal((len(r.M), draws)))
-    for group in evidence.groups:
-        if group.known or group.own is not None or not len(group):
-            continue
-        spectrum = Spectrum.of(evidence.block(group)[0])
-        h = spectrum.vector.T @ core[group.columns]
-        found = averaged(spectrum.log_bayes(h)) + group.log_prior
-        np.maximum(largest, found, out=largest)
-    return largest
+    return np.max([np.zeros(draws), *evidence.of_scores(core)], axis=0)

@@ -8,8 +8,8 @@ from math import exp
 from corridor.core.adjustment import Adjustment
 from corridor.core.block import Block
 from corridor.diagnosis.findings.findings import Findings
+from corridor.diagnosis.forward_selection import Course
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.rounds import Course
 from corridor.diagnosis.settings import Settings
 from corridor.diagnosis.verification.halves import Halves
 

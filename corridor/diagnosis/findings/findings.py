@@ -81,8 +81,8 @@ class Unknown:
 
     group: slug. kind: `unknown` or `suspected`. where, location: in words, and with the keys of
     diagnosis.json. parts: named effects that it overlaps. alike: named effects that fit as well,
-    where check points have decided. number, theta: of the group in the last round and its
-    parameters (p,), in prior sigmas; -1 of what no group was fitted to.
+    where check points have decided. number, theta: of the group in the last
+    round and its parameters (p,), in prior sigmas; -1 of what no group was fitted to.
     """
 
     group: str

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import label
 
 from corridor.core.effects import Context, Stack
-from corridor.diagnosis.rounds import Round
+from corridor.diagnosis.forward_selection import Round
 from corridor.diagnosis.settings import SETTINGS
 
 
@@ -85,18 +85,16 @@ def _picture(system, stack, effect, table) -> tuple[str, dict]:
     design = np.column_stack([np.ones(len(place)), place])
     shift = shift - design @ np.linalg.lstsq(design, shift, rcond=None)[0]
     length = np.linalg.norm(shift, axis=1)
-    cell = np.clip(
-        ((place + 1) / 2 * SETTINGS.place_cells).astype(int), 0, np.array(SETTINGS.place_cells) - 1
-    )
-    flat = cell[:, 0] * SETTINGS.place_cells[1] + cell[:, 1]
-    count = np.bincount(flat, minlength=SETTINGS.place_cells[0] * SETTINGS.place_cells[1])
-    total = np.bincount(flat, length, minlength=SETTINGS.place_cells[0] * SETTINGS.place_cells[1])
-    mean = np.where(count > 3, total / np.maximum(count, 1), 0.0).reshape(SETTINGS.place_cells)
-    pieces, _ = label(mean > SETTINGS.place_share * mean.max())
-    high = np.argwhere(pieces == pieces[np.unravel_index(np.argmax(mean), SETTINGS.place_cells)])
+    cells = 2 * np.array(SETTINGS.places)
+    cell = np.clip(((place + 1) / 2 * cells).astype(int), 0, cells - 1)
+    flat = np.ravel_multi_index(cell.T, cells)
+    count, total = (np.bincount(flat, weight, cells.prod()) for weight in (None, length))
+    mean = np.where(count > 3, total / np.maximum(count, 1), 0.0).reshape(cells)
+    pieces, _ = label(mean > SETTINGS.same_fit_share * mean.max())
+    high = np.argwhere(pieces == pieces[np.unravel_index(np.argmax(mean), cells)])
     low, upto = high.min(axis=0), high.max(axis=0) + 1
     width = images.size[0] - 1
-    box = np.concatenate([low / SETTINGS.place_cells * width, upto / SETTINGS.place_cells * width])
+    box = np.concatenate([low / cells * width, upto / cells * width])
     where: dict = {
         "image": [float(v) for v in box],
         "most_px": float(mean.max()),

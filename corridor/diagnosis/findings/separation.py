@@ -13,7 +13,7 @@ import numpy as np
 from corridor.core.output import scaled
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.findings.verdict import refines
-from corridor.diagnosis.rounds import Round
+from corridor.diagnosis.forward_selection import Round
 
 # What another effect may move by three of its standard deviations is not known to one.
 _RATIO = 3.0

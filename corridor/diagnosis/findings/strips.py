@@ -20,7 +20,7 @@ from corridor.core.geometry import jackknife
 from corridor.core.preparation import strips_of
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.scores import Influence, responding
-from corridor.diagnosis.rounds import Round
+from corridor.diagnosis.forward_selection import Round
 from corridor.diagnosis.settings import SETTINGS
 
 
@@ -52,7 +52,7 @@ def by_strips(one: Round) -> dict[int, ByStrips]:
     evidence, found = one.evidence, list(one.found.chosen)
     asked = [n for n in found if _can_be_asked(one, n)]
     strips = strips_of(one.equations.system.block)
-    if not asked or len(strips) < SETTINGS.fewest_strips:
+    if not asked or len(strips) < SETTINGS.fewest:
         return {}
     influence = Influence(evidence.reduced.elimination)
     of_file = np.empty(len(one.equations.system.images.names), dtype=np.int64)

@@ -7,22 +7,19 @@ and cannot be told apart from it all the same.
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import replace
 
 import numpy as np
 
 from corridor.core.block import Block
 from corridor.core.effects import EffectValues
-from corridor.core.geometry import honest, jackknife
-from corridor.diagnosis.evidence.beside_noise import signs
-from corridor.diagnosis.evidence.blunders import Wrong
+from corridor.core.geometry import jackknife, sigma_by_test
 from corridor.diagnosis.evidence.evidence import Evidence, Spectrum
-from corridor.diagnosis.evidence.search import Found, tuned
+from corridor.diagnosis.evidence.profile_likelihood import signs
 from corridor.diagnosis.findings.findings import Estimate, Findings, Unknown
 from corridor.diagnosis.findings.location import locate
 from corridor.diagnosis.findings.strips import ByStrips, by_strips
-from corridor.diagnosis.rounds import Course, Round
+from corridor.diagnosis.forward_selection import Course, Round
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.groups import Group
 
@@ -72,24 +69,6 @@ def in_place_of(found: Findings, one: Round, key: str, shape: int) -> Findings:
     return Findings([e for e in found.effects if e.key != key], unknown)
 
 
-def other_control(found: Findings, one: Round, wrong: Wrong) -> Findings:
-    """Findings with other control points in the place of those that seemed wrong."""
-    mine = one.found.kept
-    gone = {one.evidence.groups[n].key for n in mine}
-    evidence = one.evidence.narrowed(wrong.of_point)
-    noises = copy(one.noises)
-    noises.evidence = noises.evidence.narrowed(wrong.of_point)
-    chosen = {n: k for n, k in one.found.chosen.items() if n not in mine}
-    chosen = tuned(evidence, chosen | dict.fromkeys(wrong.points, 1.0))
-    model = Found.of(evidence, chosen, frozenset(wrong.points))
-    other = replace(one, evidence=evidence, noises=noises, found=model)
-    thetas, spreads = parameters(other)
-    effects = [e for n in wrong.points for e in _estimates(other, n, thetas[n], spreads[n])]
-    return Findings(
-        [*effects, *(e for e in found.effects if e.key not in gone)], list(found.unknown)
-    )
-
-
 def _parts(one: Round, n: int) -> list[str]:
     """Named effects that would explain some of what a generic group explains, the best first."""
     evidence, chosen = one.evidence, one.found.chosen
@@ -105,7 +84,7 @@ def _parts(one: Round, n: int) -> list[str]:
         and beside[k].fit < SETTINGS.same_fit_share * without[k].fit
     ]
     out.sort(key=lambda k: -without[k].evidence)
-    return list(dict.fromkeys(evidence.groups[k].slug for k in out))[: SETTINGS.most_parts]
+    return list(dict.fromkeys(evidence.groups[k].slug for k in out))[: SETTINGS.most_rivals]
 
 
 def _kind(one: Round, n: int) -> str:
@@ -145,7 +124,7 @@ def _estimates(one: Round, n: int, theta, spread, strips: ByStrips | None = None
     kind = _kind(one, n)
     if strips is not None:
         each = zip(formal, strips.sigma * group.scale, strict=True)
-        sigma = np.array([honest(*pair, strips.count - 1) for pair in each])
+        sigma = np.array([sigma_by_test(*pair, strips.count - 1) for pair in each])
         kind = kind if strips.proved else "suspected"
     # What a test of its own has found has had its rivals there.
     alike = [] if n in found.kept else alternatives(evidence, found.chosen, n)
@@ -192,7 +171,7 @@ def _changes(group: Group, theta, spread, strips: ByStrips | None) -> dict[str, 
             sigma = np.sqrt(max(spread[k, k] + spread[b, b] - 2.0 * spread[k, b], 0.0))
             if strips is not None:
                 left = jackknife(strips.left[:, k] - strips.left[:, b])
-                sigma = honest(sigma, left, strips.count - 1)
+                sigma = sigma_by_test(sigma, left, strips.count - 1)
             value, sigma = float(theta[k] - theta[b]), float(sigma * group.scale[k])
             rows.append({"name": name, "value": value, "sigma": sigma, "unit": unit})
         out[owner] = rows
@@ -254,12 +233,10 @@ def alternatives(evidence: Evidence, chosen: dict, n: int) -> list[int]:
         equal = mine.evidence - gain.evidence <= SETTINGS.look_alike_log_odds
         # Sets of values, one a flight, are one more parameter each and no other shape.
         more = len(parameter_names(other)) - len(parameter_names(group))
-        paid = SETTINGS.evidence_per_parameter * max(len(other) - len(group), 1)
         contained = (
             other.own is None
             and more <= SETTINGS.look_alike_more_parameters
             and mine.fit - gain.fit <= SETTINGS.look_alike_log_odds
-            and mine.evidence - gain.evidence <= SETTINGS.look_alike_log_odds + paid
         )
         # Where an effect is weak, what explains nothing is not far behind, and no explanation.
         if (equal or contained) and gain.fit > SETTINGS.same_fit_share * mine.fit:
@@ -357,11 +334,9 @@ def detection_limits(one: Round) -> dict[str, dict[str, float | None]]:
         times = through_noise if _like_noise(one, n) else SETTINGS.detection_sigma
         sigma = np.sqrt(np.diag(np.linalg.inv(M + np.eye(len(M)))))
         for k, (_, name, _) in enumerate(group.labels):
-            if sigma[k] > SETTINGS.unknown_sigma_share:
-                # The prior is all that is known.
-                limit = None
-            else:
-                limit = float(times * group.scale[k] * sigma[k] / np.sqrt(1.0 - sigma[k] ** 2))
+            size = times * sigma[k] / np.sqrt(max(1.0 - sigma[k] ** 2, 1e-30))
+            # Where no size that happens would be seen, the prior is all that is known.
+            limit = None if size > SETTINGS.implausible_size else float(size * group.scale[k])
             best = mine.get(name)
             mine[name] = limit if best is None else (max(best, limit) if limit else best)
     return out

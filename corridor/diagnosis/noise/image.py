@@ -78,7 +78,7 @@ def pseudo_residuals(system: LinearSystem, residual: np.ndarray) -> tuple[np.nda
             * ((SETTINGS.student_nu + 2.0) / (SETTINGS.student_nu + s) / slope)[:, None]
         )
         found = np.mean(((out[mine] / sigma[mine][:, None]) ** 2).sum(axis=1)) / 2.0 / share
-        factor = max(float(np.sqrt(found)), SETTINGS.stated_sigma_range[0])
+        factor = max(float(np.sqrt(found)), SETTINGS.noise_factor_range[0])
     marks = np.flatnonzero(~tie & known)
     of_marks = factor
     if len(marks):

@@ -56,28 +56,14 @@ def _surveyed(d: Diagnosed) -> list[str]:
 
 def _added(d: Diagnosed) -> list[str]:
     """Effects that were found, as an option of the command, and the blocks that have them."""
-    firm = {one.slug for one in d.findings.effects if one.kind != "suspected"}
     # What is wrong with one point is no effect of the model.
     slugs = [key for key in d.used if "." not in key]
-    helps = [one.group for one in d.findings.unknown if one.correction == "helps"]
-    slugs = list(dict.fromkeys(s for s in slugs if s in helps or _is_firm(d, s, firm)))
     if not slugs:
         return []
     return [
         f"Adjust with what was found: `corridor adjust BLOCK --effect {','.join(slugs)} -o OUT2`, "
         "or go on with OUT/block; OUT/corrected is for programs that do not know it"
     ]
-
-
-def _is_firm(d: Diagnosed, slug: str, firm: set[str]) -> bool:
-    """Whether an effect that was added, or the look-alike that it stands for, is beyond doubt."""
-    rivals = {
-        key.partition(".")[0]
-        for one in d.findings.effects
-        if one.kind != "suspected"
-        for key in one.rivals
-    }
-    return slug in firm | rivals
 
 
 def _told_apart(d: Diagnosed) -> list[str]:

@@ -8,8 +8,8 @@ from typing import NamedTuple
 from corridor.core.adjustment import Adjustment
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.output import Progress, telling
-from corridor.diagnosis.replicates.comparison import Comparison, compare
-from corridor.diagnosis.replicates.counterparts import counterparts
+from corridor.diagnosis.bootstrap.comparison import Comparison, compare
+from corridor.diagnosis.bootstrap.counterparts import counterparts
 from corridor.diagnosis.report.corrected import corrected
 
 COUNT = 20

@@ -6,9 +6,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from corridor.core.adjustment import Adjustment
 from corridor.core.effects import Values
-from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.output import (
     Progress,
     check_folder,
@@ -18,8 +16,8 @@ from corridor.core.output import (
     write_csv,
     write_json,
 )
+from corridor.diagnosis.bootstrap.comparison import Comparison
 from corridor.diagnosis.findings.diagnosed import Diagnosed
-from corridor.diagnosis.replicates.comparison import Comparison
 from corridor.diagnosis.report.beside import COUNT, beside
 from corridor.diagnosis.report.corrected import corrected
 from corridor.diagnosis.report.page import make_page
@@ -60,19 +58,19 @@ def save(
     diagnosis.course.last.make_room()
     compared = beside(diagnosis, counterparts, threads, progress)
     notes = [*diagnosis.notes, *compared.notes]
-    slugs, adjustment = _believable(diagnosis, say)
+    slugs = list(dict.fromkeys(key.partition(".")[0] for key in diagnosis.used))
     with whole_folder(folder, RESULT) as part:
         say("writing the blocks")
-        adjustment.block.write(part / "block")
-        corrected(diagnosis.block, adjustment, slugs).write(part / "corrected")
+        diagnosis.after.block.write(part / "block")
+        corrected(diagnosis.block, diagnosis.after, slugs).write(part / "corrected")
         say("making the page")
-        page = make_page(diagnosis, compared, slugs, notes, command, part)
+        page = make_page(diagnosis, compared, notes, command, part)
         (part / "report.html").write_text(page, encoding="utf-8")
         found = Values(one.values for one in diagnosis.findings.effects if one.values)
         for name, table in found.tables().items():
             write_csv(table, part / name)
         if gis:
-            adjustment.write_gis(part / "diagnosis")
+            diagnosis.after.write_gis(part / "diagnosis")
         content = diagnosis.to_dict() | {
             "notes": notes,
             "written": slugs,
@@ -82,38 +80,6 @@ def save(
         write_json(content, part / RESULT)
         written = files_in(part)
     return [folder / name for name in written]
-
-
-def _believable(diagnosis: Diagnosed, say: Callable) -> tuple[list[str], Adjustment]:
-    """Slugs of the effects that are beyond doubt and help, and the block adjusted with them."""
-    firm = [
-        key.partition(".")[0]
-        for one in diagnosis.findings.effects
-        if one.kind != "suspected"
-        # Of look-alikes the one that data which no fit has used prefer.
-        for key in [next((k for k in [one.key, *one.rivals] if k in diagnosis.used), one.slug)]
-    ]
-    firm += [
-        one.group
-        for one in diagnosis.findings.unknown
-        if one.kind == "unknown" and one.correction == "helps"
-    ]
-    slugs = list(dict.fromkeys(firm))
-    if not slugs:
-        return [], diagnosis.before
-    believed = {effect.slug for effect in diagnosis.believed.effects}
-    inside = [slug for slug in diagnosis.after.system.effects if slug not in believed]
-    if not set(slugs) <= set(inside):
-        # The refit with what was found has failed.
-        return [], diagnosis.before
-    if set(slugs) == set(inside):
-        return slugs, diagnosis.after
-    say(f"adjusting with {', '.join(slugs)}")
-    effects = diagnosis.after.system.effects
-    try:
-        return slugs, diagnosis.believed.adjust([effects[slug] for slug in slugs])
-    except (InputError, AdjustmentFailed):
-        return [], diagnosis.before
 
 
 def _told(case: Comparison | None) -> dict | None:

@@ -86,7 +86,7 @@ ANSWER = (
 EVIDENCE = (
     Section(
         "Measured beside simulated",
-        ("bands", "measured_beside_simulated"),
+        ("measured_beside_simulated",),
         "The block was simulated again and again from the assumed model, with noise "
         "as large as its residuals show, and fitted each time. Where the measured curve (dark) "
         "leaves the grey band, the model cannot have produced what was measured; what sticks out "
@@ -122,10 +122,8 @@ LAST = (
     ),
     Section("To test more, add", ("untestable",)),
     Section("Noise that is not the same everywhere", ("variance",)),
-    Section("Known physics", ("physics",)),
     Section("The assumed model", ("believed",)),
     Section("The rounds of the search", ("rounds",)),
-    Section("What was written beside this page", ("written",)),
     Section("How to make this page again", ("command", "versions")),
 )
 
@@ -133,17 +131,15 @@ LAST = (
 def make_page(
     diagnosis: Diagnosed,
     compared: Beside,
-    written: list[str],
     notes: list[str],
     command: str,
     folder: Path,
 ) -> str:
     """The page as HTML that needs no other file; its pictures go to a folder as well.
 
-    compared: `Beside`. written: slugs of the effects in block/ and corrected/. notes: sentences on
-    what did not go as usual. command: what was typed.
+    compared: `Beside`. notes: sentences on what did not go as usual. command: what was typed.
     """
-    pieces = _tables(diagnosis, compared, written) | _pictures(diagnosis, compared, folder)
+    pieces = _tables(diagnosis, compared) | _pictures(diagnosis, compared, folder)
     if command:
         pieces["command"] = f"<pre>{escape(command)}</pre>"
     name = diagnosis.block.name
@@ -167,7 +163,7 @@ def _shown(section: Section, pieces: Mapping[str, str]) -> list[str]:
     return [f"<h2>{section.heading}</h2>", *text, *below] if below else []
 
 
-def _tables(diagnosis: Diagnosed, compared: Beside, written: list[str]) -> dict[str, str]:
+def _tables(diagnosis: Diagnosed, compared: Beside) -> dict[str, str]:
     before, after = compared.before, compared.after
     frames = {
         "found": tables.found(diagnosis),
@@ -175,16 +171,13 @@ def _tables(diagnosis: Diagnosed, compared: Beside, written: list[str]) -> dict[
         "unknown": tables.unknown(diagnosis),
         "lens": tables.lens(diagnosis),
         "gap": tables.gap(diagnosis, before, after),
-        "bands": tables.bands(before, after),
         "leaving": tables.leaving(before, after),
         "limits": tables.limits(diagnosis),
         "untestable": tables.untestable(diagnosis, before),
         "without_catalogue": tables.without_catalogue(diagnosis),
         "variance": tables.variance(diagnosis),
         "rounds": tables.rounds(diagnosis),
-        "physics": tables.physics(diagnosis),
         "believed": tables.believed(diagnosis),
-        "written": tables.written(diagnosis, written),
         "versions": tables.versions(diagnosis, before),
     }
     return {name: html_table(frame) for name, frame in frames.items() if len(frame)}

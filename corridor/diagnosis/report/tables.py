@@ -10,9 +10,9 @@ import pandas as pd
 
 from corridor.core import __version__
 from corridor.core.output import DASH, scaled
+from corridor.diagnosis.bootstrap.comparison import Comparison
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.findings.findings import Estimate
-from corridor.diagnosis.replicates.comparison import Comparison
 from corridor.diagnosis.report.wording import (
     effects_by_slug,
     listed,
@@ -98,9 +98,7 @@ def _chosen(d: Diagnosed, one: Estimate) -> str:
     name = effects_by_slug()[key.partition(".")[0]].called
     if key == one.key:
         return f"{name}; no data speak for another"
-    kind = "check points" if "check" in d.rivals.get(key, {}) else "image points held out"
-    share = next(iter(d.rivals[key].values()))
-    return f"{name}: {kind} err {share:.2f} times as much with it"
+    return f"{name}: check points err {d.rivals[key]['check']:.2f} times as much with it"
 
 
 def unknown(d: Diagnosed) -> pd.DataFrame:
@@ -156,27 +154,6 @@ def gap(d: Diagnosed, before: Comparison | None, after: Comparison | None) -> pd
     if not added:
         return table.drop(columns=["after", "closed"]).rename(columns={"before": "measured"})
     return table
-
-
-def bands(before: Comparison | None, after: Comparison | None) -> pd.DataFrame:
-    """How much of the block leaves the bands of its counterparts, before and after."""
-    columns = ["", "before", "after", "by chance"]
-    if before is None:
-        return pd.DataFrame(columns=columns)
-    after_gap = None if after is None else after.gap
-    rows = [
-        (
-            "what sticks out, squared standard deviations of the counterparts, summed",
-            _whole(before.gap), DASH if after_gap is None else _whole(after_gap), "0",
-        ),
-        (
-            f"curves that leave their band, of {len(before.statistics)}",
-            str(len(before.leaving)), DASH if after is None else str(len(after.leaving)),
-            f"{0.05 * len(before.statistics):.0f}",
-        ),
-    ]  # fmt: skip
-    table = pd.DataFrame(rows, columns=columns)
-    return table if after is not None else table.drop(columns="after")
 
 
 def _floor(case: Comparison | None) -> float | None:
@@ -356,27 +333,6 @@ def rounds(d: Diagnosed) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def physics(d: Diagnosed) -> pd.DataFrame:
-    """What hides the effects that were found, look alike, or are weak in this block."""
-    known = effects_by_slug(d.block)
-    relevant: dict[str, str] = {}
-    for one in d.findings.effects:
-        relevant[one.slug] = "found"
-        relevant |= {s: "looks alike" for s in one.alternatives if s not in relevant}
-    for slug, mine in d.detection_limits.items():
-        scales = {p.name: p.scale for p in known[slug].parameters(d.block)}
-        if slug not in relevant and all(v is None or v > scales[k] for k, v in mine.items()):
-            relevant[slug] = "this flight hardly shows it"
-    rows = [
-        (
-            upper(known[slug].called), why, known[slug].unobservable_when or DASH,
-            known[slug].revealed_by or DASH,
-        )
-        for slug, why in relevant.items()
-    ]  # fmt: skip
-    return pd.DataFrame(rows, columns=["effect", "here", "hidden when", "shown by"])
-
-
 def believed(d: Diagnosed) -> pd.DataFrame:
     """The assumed model, as adjusted."""
     rows, system = [], d.before.system
@@ -400,18 +356,6 @@ def believed(d: Diagnosed) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["model", "as adjusted"])
 
 
-def written(d: Diagnosed, slugs: list[str]) -> pd.DataFrame:
-    """What stands in the two blocks."""
-    told = listed(slugs) or "nothing"
-    with_it = f"adjusted with {told}" if slugs else "adjusted with the believed model"
-    without = (
-        f"the measured block, {told} taken out of its measurements"
-        if slugs
-        else "the measured block, unchanged"
-    )
-    return pd.DataFrame([("block/", with_it), ("corrected/", without)], columns=["folder", "holds"])
-
-
 def _number(value: float, digits: int) -> str:
     return f"{value:,.{digits}f}"
 
@@ -419,10 +363,6 @@ def _number(value: float, digits: int) -> str:
 def _share(closed: float) -> str:
     """A share in per cent; more than all of it is noise."""
     return "all" if closed >= 0.995 else f"{100 * closed:.0f} %"
-
-
-def _whole(value: float) -> str:
-    return f"{value:,.0f}" if value >= 10 else f"{value:.1f}"
 
 
 def versions(d: Diagnosed, before: Comparison | None) -> pd.DataFrame:

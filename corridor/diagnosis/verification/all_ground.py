@@ -28,8 +28,8 @@ from corridor.diagnosis.evidence.lens import lens_group
 from corridor.diagnosis.evidence.search import contributions, tuned
 from corridor.diagnosis.findings.findings import Estimate
 from corridor.diagnosis.findings.verdict import rows_of
+from corridor.diagnosis.forward_selection import Round
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.rounds import Round
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.elimination import Elimination
 from corridor.diagnosis.system.equations import equations
@@ -113,4 +113,4 @@ def asked(points: np.ndarray, roles: np.ndarray) -> list[str]:
 
 def contradicted(misfit: float, coordinates: int) -> bool:
     """Whether check points are off by more than chance: misfit in squared sigmas."""
-    return bool(chdtrc(coordinates, misfit) < SETTINGS.check_chance)
+    return bool(chdtrc(coordinates, misfit) < SETTINGS.doubt_level)

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
+from scipy.linalg import pinvh
 from scipy.special import fdtrc
 
 from corridor.core.adjustment import Adjustment, Design, Sets
@@ -65,7 +66,7 @@ class Halves:
     @property
     def alarm(self) -> bool:
         """Whether the halves contradict each other: one sound block in a hundred does."""
-        return self.p is not None and self.p < SETTINGS.halves_level
+        return self.p is not None and self.p < SETTINGS.alarm_level
 
     @property
     def farthest(self) -> dict | None:
@@ -251,10 +252,8 @@ def _phi(
 def _inverse(covariance: np.ndarray) -> tuple[int, np.ndarray]:
     """Rank and inverse within it, scaled to a unit diagonal first."""
     scale = 1.0 / np.sqrt(covariance.diagonal())
-    value, vector = np.linalg.eigh(scale[:, None] * covariance * scale)
-    keep = value > 1e-9 * value[-1]
-    turned = scale[:, None] * vector[:, keep]
-    return int(keep.sum()), (turned / value[keep]) @ turned.T
+    inverse, rank = pinvh(scale[:, None] * covariance * scale, rtol=1e-9, return_rank=True)
+    return rank, scale[:, None] * inverse * scale
 
 
 class _Surface:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
-from scipy.special import stdtrit
+from scipy.special import ndtri, stdtrit
 
 from corridor.core.adjustment import Adjustment, LinearSystem, Loss
 from corridor.core.block import Block
@@ -32,47 +32,30 @@ def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, np.ndarray]
     """The block with some tie observations robbed of their weight, and their rows (k,).
 
     Points that control the marks are not touched, and every image keeps most of its points. They
-    are those of a few places of each picture, all that can be spared there.
+    are those of one fold, all that can be spared there.
     """
     ties = block.tie_points
     image = block.image_rows("tie_points")
     sizes = {name: (camera.width, camera.height) for name, camera in block.cameras.items()}
     size = np.array([sizes[name] for name in block.images["camera"]], dtype=float)[image]
-    xy = ties[["x", "y"]].to_numpy(float)
-    among = in_places(image, xy, size, SETTINGS.held_out_places, rng)
-    point = ties["point"].array.codes
-    chosen = spared(point, SETTINGS.held_out_share, rng, among)
+    fold = folds_of(image, ties[["x", "y"]].to_numpy(float), size, rng)
+    chosen = spared(ties["point"].array.codes, rng, fold == 0)
     out = block.copy()
     sigma = block.tie_sigma().copy()
-    sigma[chosen] *= SETTINGS.held_out_sigma
+    sigma[chosen] *= SETTINGS.free_size
     out.tie_points = ties.assign(sigma=sigma)
     return out, chosen
 
 
-def spared(
-    point: np.ndarray, share: float, rng: np.random.Generator, among: np.ndarray | None = None
-) -> np.ndarray:
-    """Rows (k,), ascending, of a share of observations: one of a point of four rays or more.
+def spared(point: np.ndarray, rng: np.random.Generator, among: np.ndarray) -> np.ndarray:
+    """Rows (k,), ascending, of observations: one of a point of four rays or more.
 
     point: (n,) number of the point of each tie observation. among (n,): which may be chosen.
     """
-    fit = np.bincount(point)[point] >= SETTINGS.held_out_rays
-    order = rng.permutation(np.flatnonzero(fit if among is None else fit & among))
+    fit = np.bincount(point)[point] >= SETTINGS.fewest
+    order = rng.permutation(np.flatnonzero(fit & among))
     _, first = np.unique(point[order], return_index=True)
-    return np.sort(rng.permutation(order[first])[: max(int(share * len(point)), 1)])
-
-
-def in_places(
-    image: np.ndarray, xy: np.ndarray, size: np.ndarray, share: float, rng: np.random.Generator
-) -> np.ndarray:
-    """Which observations (n,) lie in places of their picture that are chosen for it, share of all.
-
-    image (n,): number; xy (n, 2), size (n, 2): px. Residuals of neighbours in one picture hang
-    together: what is to be predicted has to lie away from what has been used.
-    """
-    place = places(xy, size)
-    chosen = rng.random((int(image.max()) + 1, int(np.prod(SETTINGS.places)))) < share
-    return chosen[image, place]
+    return np.sort(order[first])
 
 
 def folds_of(
@@ -80,7 +63,8 @@ def folds_of(
 ) -> np.ndarray:
     """Number (n,) of the fold of each observation: some places of every picture each.
 
-    image (n,): number; xy (n, 2), size (n, 2): px.
+    image (n,): number; xy (n, 2), size (n, 2): px. Residuals of neighbours in one picture hang
+    together: what is to be predicted has to lie away from what has been used.
     """
     order = rng.random((int(image.max()) + 1, int(np.prod(SETTINGS.places)))).argsort(axis=1)
     return (order % SETTINGS.folds)[image, places(xy, size)]
@@ -93,21 +77,12 @@ class Prediction:
     gain: np.ndarray
 
     @classmethod
-    def between(cls, without: Adjustment, with_it: Adjustment, rows: np.ndarray) -> Prediction:
-        """Of tie observations, rows (k,) of tie_points, that neither adjustment has used."""
-        if not len(rows):
-            return cls(np.zeros(0))
-        block = without.system.block
-        before, after = (_squares(one, rows) for one in (without, with_it))
-        return cls._of(block, before, after, block.image_rows("tie_points")[rows])
-
-    @classmethod
     def of_folds(cls, without: Adjustment, with_it: Adjustment, held: np.ndarray) -> Prediction:
         """Of all tie observations that can be spared, some places of each picture at a time.
 
         held (k,): rows of tie_points that neither adjustment has used; they count as the others
         do. What a fold is predicted from is a step of least squares from either adjustment, with
-        the weights that its loss has there. It has ten times what `between` can ask.
+        the weights that its loss has there.
         """
         systems = [
             replace(
@@ -118,32 +93,26 @@ class Prediction:
         ]
         seen, rng = systems[0].image_rows, np.random.default_rng(0)
         sigma = seen.sigma.copy()
-        sigma[seen.tie & np.isin(seen.row, held)] /= SETTINGS.held_out_sigma
+        sigma[seen.tie & np.isin(seen.row, held)] /= SETTINGS.free_size
         fold = folds_of(seen.image, seen.xy, systems[0].images.size[seen.image], rng)
         image, squares = [], []
         for number in range(SETTINGS.folds):
-            left = spared(seen.point, 1.0, rng, seen.tie & (fold == number))
+            left = spared(seen.point, rng, seen.tie & (fold == number))
             fewer = sigma.copy()
-            fewer[left] *= SETTINGS.held_out_sigma
+            fewer[left] *= SETTINGS.free_size
             image.append(systems[0].image_order[seen.image[left]])
             pair = [one.measuring(sigma=fewer) for one in systems]
             pixels = [one.at(one.step()).residuals().pixels[left] for one in pair]
             squares.append([(v**2).sum(axis=1) / sigma[left] ** 2 for v in pixels])
         before, after = np.concatenate(squares, axis=1)
-        return cls._of(without.system.block, before, after, np.concatenate(image))
-
-    @classmethod
-    def _of(
-        cls, block: Block, before: np.ndarray, after: np.ndarray, image: np.ndarray
-    ) -> Prediction:
-        """before, after (n,): squared residuals, in squared sigmas; image (n,): its row."""
+        block = without.system.block
         strip = np.zeros(len(block.images), dtype=np.int64)
         for number, (_, images) in enumerate(strips_of(block)):
             strip[images] = number
         good = np.isfinite(before) & np.isfinite(after)
         scale = scale_of(before[good]) if good.any() else 1.0
         gained = _log_density(after[good] / scale**2) - _log_density(before[good] / scale**2)
-        at = strip[image[good]]
+        at = strip[np.concatenate(image)[good]]
         seen = np.bincount(at) > 0
         return cls(np.bincount(at, gained)[seen])
 
@@ -154,22 +123,8 @@ class Prediction:
         if count < 2:
             return False
         error = float(np.std(self.gain, ddof=1)) * np.sqrt(count)
-        limit = stdtrit(count - 1, 1.0 - SETTINGS.prediction_level)
+        limit = stdtrit(count - 1, 1.0 - SETTINGS.doubt_level)
         return bool(self.gain.sum() > limit * error)
-
-
-def residuals_of(adjustment: Adjustment) -> np.ndarray:
-    """Image residuals (rows of tie_points and marks, 2), px; NaN where none is known."""
-    system = adjustment.system
-    out = np.full((len(system.block.tie_points) + len(system.block.marks), 2), np.nan)
-    out[system.image_rows.row] = system.residuals().pixels
-    return out
-
-
-def _squares(adjustment: Adjustment, rows: np.ndarray) -> np.ndarray:
-    # What is held out has its sigmas all raised alike, which the scale takes back.
-    sigma = adjustment.system.block.tie_sigma()[rows]
-    return (residuals_of(adjustment)[rows] ** 2).sum(axis=1) / sigma**2
 
 
 def _log_density(square: np.ndarray) -> np.ndarray:
@@ -184,27 +139,26 @@ class Cost:
 
     metres, sigmas: by how much half of the tie points move at least, 3D, and in their standard
     deviations on the axis where that is most. ratio: error of ties that no fit has used with it,
-    over the error without; proved: whether that is more than chance.
+    over the error without; seen: whether that is clearly less, and by more than chance.
     """
 
     metres: float
     sigmas: float
     ratio: float
-    proved: bool
+    seen: bool
 
     @classmethod
     def of(cls, without: Adjustment, with_it: Adjustment, rows: np.ndarray) -> Cost:
         """Between two adjustments; rows: tie observations that neither has used."""
         tie = tie_gap(without, with_it, rows)
         ratio = tie["after"] / tie["before"] if tie["before"] else 1.0
-        proved = ratio < 1.0 and Prediction.between(without, with_it, rows).proved
-        return cls(*moved(without, with_it), ratio, proved)
+        seen = ratio < SETTINGS.cost_ratio and Prediction.of_folds(without, with_it, rows).proved
+        return cls(*moved(without, with_it), ratio, seen)
 
     @property
     def counts(self) -> bool:
         """Whether it is worth a word: beyond the ground's own doubt, or seen in the residuals."""
-        seen = self.proved and self.ratio < SETTINGS.cost_ratio
-        return self.sigmas > SETTINGS.cost_sigmas or seen
+        return self.sigmas > SETTINGS.implausible_sigma or self.seen
 
 
 def moved(before: Adjustment, after: Adjustment) -> tuple[float, float]:
@@ -218,9 +172,13 @@ def moved(before: Adjustment, after: Adjustment) -> tuple[float, float]:
 
 def tie_gap(before: Adjustment, after: Adjustment, rows: np.ndarray) -> dict[str, float | None]:
     """RMS (px, an axis) of observations that both fits did not use, wrong matches left out."""
-    found = [residuals_of(one)[rows] for one in (before, after)]
     if not len(rows):
         return {"before": None, "after": None}
+    found = []
+    for system in (before.system, after.system):
+        left = np.full((len(system.block.tie_points) + len(system.block.marks), 2), np.nan)
+        left[system.image_rows.row] = system.residuals().pixels
+        found.append(left[rows])
     length = np.hypot(*found[1].T)
     good = np.isfinite(length) & ~is_outlier(length, robust_scale_of_lengths(length), UNUSABLE)
     values = [float(np.sqrt(np.mean(one[good] ** 2))) for one in found]
@@ -252,44 +210,29 @@ def harms(without: Adjustment, with_it: Adjustment) -> bool:
     (before, sigma), (d, _) = _off(without, points), _off(with_it, points)
     s = d - before
     noise = np.sqrt(((np.abs(s) * sigma).sum(axis=0) ** 2).sum())
-    return bool((d * s).sum() > SETTINGS.harm_sigma * noise)
+    return bool((d * s).sum() > ndtri(1.0 - SETTINGS.doubt_level) * noise)
 
 
 def preferred(
-    second: Adjustment, rivals: dict[str, Adjustment], rows: np.ndarray
+    second: Adjustment, rivals: dict[str, Adjustment], rows: np.ndarray, limit: float
 ) -> tuple[str | None, dict[str, dict[str, float]]]:
-    """The rival that does clearly better than `second` where no fit has looked, None without one.
+    """The rival whose check points err by less than `limit` times those of `second`, if any.
 
-    Check points decide where there are enough of them, tie observations held out where not. Also
-    the error of each rival over that of `second`: `tie`, `check`.
+    Check points decide where there are enough of them; tie observations held out tell look-alikes
+    apart by less than a per cent. Also the error of each rival over that of `second`: `tie` and
+    `check`.
     """
     share: dict[str, dict[str, float]] = {}
     many = len(second.check_points) >= SETTINGS.enough_checks
     for key, fit in rivals.items():
-        share[key] = {}
-        if many:
-            share[key]["check"] = float(fit.check_rms.d3 / second.check_rms.d3)
+        share[key] = {"check": float(fit.check_rms.d3 / second.check_rms.d3)} if many else {}
         found = tie_gap(second, fit, rows)
         if found["before"]:
             share[key]["tie"] = found["after"] / found["before"]
-    kind, limit = (
-        ("check", SETTINGS.clear_ratio_checks) if many else ("tie", SETTINGS.clear_ratio_ties)
-    )
-    known = {key: one[kind] for key, one in share.items() if kind in one}
+    known = {key: one["check"] for key, one in share.items() if "check" in one}
     best = min(known, key=known.get, default=None)
-    return (best if best is not None and known[best] < limit else None), share
-
-
-def best_by_far(second: Adjustment, fits: dict[str, Adjustment]) -> str | None:
-    """The fit with less than half the check-point error of `second`, None without one.
-
-    fits: what fits best comes first, and is taken where the errors differ by no more than chance.
-    """
-    error = {key: float(fit.check_rms.d3) for key, fit in fits.items()}
-    least = min(error.values(), default=np.inf)
-    if least >= SETTINGS.clear_ratio_shape * second.check_rms.d3:
-        return None
-    return next(key for key, e in error.items() if SETTINGS.clear_ratio_checks * e <= least)
+    clear = best is not None and known[best] < limit
+    return (best if clear else None), share
 
 
 def improves(without: Adjustment, with_it: Adjustment, rows: np.ndarray) -> bool:

@@ -17,15 +17,15 @@ from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis.evidence.blunders import listed_points
 from corridor.diagnosis.findings.findings import Findings, Unknown
 from corridor.diagnosis.findings.location import locate
-from corridor.diagnosis.findings.verdict import in_place_of, other_control, shapes
+from corridor.diagnosis.findings.verdict import in_place_of, shapes
+from corridor.diagnosis.forward_selection import Course
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.rounds import Course
 from corridor.diagnosis.settings import SETTINGS
+from corridor.diagnosis.system.groups import Group
 from corridor.diagnosis.verification.all_ground import AllGround, contradicted
 from corridor.diagnosis.verification.held_out import (
     Cost,
     Prediction,
-    best_by_far,
     check_gap,
     check_misfit,
     gnss_gap,
@@ -68,17 +68,17 @@ class Verification:
         self._first = self._fit([], said)
         self._now = self._fit(self.used, said) if self.used and self._first else self._first
         if self._now is None:
+            self._drop_suspected()
             return
-        self._choose_control()
         self._ask_all_ground()
         self._prove_images()
         self._drop_idle()
         self.lens = self._ask_lens()
         if not few:
             self._keep_shapes()
-            self._choose_effects()
-            self._choose_shapes()
+            self._choose()
         self._drop_harmful()
+        self._drop_suspected()
 
     def gap(self, after: Adjustment) -> dict[str, dict | None]:
         """RMS before and after by what no fit has used, and of the antenna; see diagnosis.json.
@@ -142,60 +142,38 @@ class Verification:
     def _go_on(self, keys: list[str], fit: Adjustment) -> None:
         self.used, self._now = keys, fit
 
-    def _choose_control(self) -> None:
-        """Of control points that contradict each other, the wrong ones by the check points.
+    def _ask_all_ground(self) -> None:
+        """Say which control points are wrong, where check points tell more of it than the fit.
 
-        Two that were given too low say the same as a third that was given too high.
+        Two that were given too low agree with each other, and say the same as a third that was
+        given too high. They are left out where that brings the fit nearer to the check points:
+        without them the GNSS alone may know the heights worse.
         """
-        wrong, groups = self._last.wrong, self._groups
-        if wrong.found is None or not wrong.alike:
+        check, wrong = self._now.check_points, self._last.wrong
+        of_points = {g.key: g for g in self._groups if g.point is not None}
+        asked = bool(of_points) and len(check) > 0
+        if asked and wrong.found is None:
+            asked = contradicted(check_misfit(self._now), 3 * len(check))
+        elif not wrong.alike:
             return
-        mine = [groups[n].key for n in wrong.found.points]
-        alike, misfit = wrong.alike[: SETTINGS.most_rivals], {}
-        told = listed_points(groups, alike)
-        for k, one in enumerate(alike if len(self._now.check_points) else ()):
-            keys = [groups[n].key for n in one.points]
-            keys += [key for key in self.used if key not in (*mine, *keys)]
-            fit = self._fit(keys, f"The fit with {k} failed")
-            if fit is not None:
-                misfit[k] = check_misfit(fit), keys, fit
-        best = min(misfit, key=lambda k: misfit[k][0], default=None)
-        better = 0.0 if best is None else check_misfit(self._now) - misfit[best][0]
-        if better > SETTINGS.check_odds:
-            self.findings = other_control(self.findings, self._last, alike[best])
-            self._go_on(*misfit[best][1:])
-        if abs(better) > SETTINGS.check_odds:
-            self.notes.append(
-                "The fit cannot decide which control points are wrong "
-                f"({listed_points(groups, [wrong.found])}, or {told}); check points decide, so "
-                "their error afterwards is no longer independent."
-            )
+        if asked and self._told_by_all(of_points):
             return
-        for one in self.findings.effects:
-            if one.key in mine:
+        told = listed_points(self._groups, wrong.alike[: SETTINGS.most_rivals])
+        for one in self.findings.effects if told else ():
+            if one.key in of_points:
                 one.or_instead(told)
 
-    def _ask_all_ground(self) -> None:
-        """Say control points wrong that agree with each other, and with no check point.
-
-        They are left out where that brings the fit nearer to the check points: without them the
-        GNSS alone may know the heights worse.
-        """
-        check = self._now.check_points
-        of_points = {g.key: g for g in self._groups if g.point is not None}
-        if not of_points or self._last.wrong.found is not None or not len(check):
-            return
-        if not contradicted(check_misfit(self._now), 3 * len(check)):
-            return
+    def _told_by_all(self, of_points: dict[str, Group]) -> bool:
+        """Whether all ground points together name control points; of_points: groups by key."""
         rest = [key for key in self.used if key not in of_points]
         blunder = next(iter(of_points.values())).effect
         try:
             told = AllGround.of(self._believed, self._last, self._course.members(rest), blunder)
         except (InputError, AdjustmentFailed) as failed:
             self.notes.append(f"Check points could not be asked for wrong control: {failed}")
-            return
+            return False
         if told.wrong.found is None:
-            return
+            return False
         points = listed_points(told.evidence.groups, [told.wrong.found, *told.wrong.alike])
         self.notes.append(
             f"Control and check points contradict each other, which {points} being wrong explains: "
@@ -203,13 +181,14 @@ class Verification:
         )
         new = told.estimates({str(g.point) for g in of_points.values()})
         if not new:
-            return
+            return False
         keys = [*rest, *(one.key for one in new)]
         fit = self._fit(keys, f"The fit without {points} failed")
         kept = [one for one in self.findings.effects if one.key not in of_points]
         self.findings = replace(self.findings, effects=[*new, *kept])
         if fit is not None and fit.check_rms.d3 < self._now.check_rms.d3:
             self._go_on(keys, fit)
+        return True
 
     def _prove_images(self) -> None:
         """Say no effect of single images for sure that predicts nothing that was left out.
@@ -304,49 +283,37 @@ class Verification:
             one.correction = "useless"
         self._go_on(others, bare)
 
-    def _choose_effects(self) -> None:
-        """Of effects that cannot be told apart, the one that predicts clearly better."""
-        for one in self.findings.effects:
-            if one.kind != "ambiguous" or one.key not in self.used:
-                continue
-            rivals = [key for key in one.rivals if key not in self.used][: SETTINGS.most_rivals]
-            fits = self._fits(rivals, one.key)
-            best, share = preferred(self._now, fits, self._rows)
-            self.rivals |= share
-            if best is None:
-                continue
-            kind = "check points" if "check" in share[best] else "held-out image points"
-            self.notes.append(
-                f"The fit cannot separate {one.key} and {best}; {kind} are predicted better "
-                f"with {best}, so their error afterwards is no longer independent."
-            )
-            self._go_on(self._with(best, one.key), fits[best])
+    def _choose(self) -> None:
+        """Of what cannot be told apart, the one that check points speak for.
 
-    def _choose_shapes(self) -> None:
-        """A shape of no catalogue in the place of look-alikes, where check points speak for it.
-
-        A knock that moves the lens between strips flown to and fro is, to the fit, an error of the
+        Of effects one that predicts them clearly better; a shape of no catalogue by far better: a
+        knock that moves the lens between strips flown to and fro is, to the fit, an error of the
         GNSS, and the named effect has fewer parameters.
         """
-        if len(self._now.check_points) < SETTINGS.enough_checks:
-            return
-        alike = {e.key: e for e in self.findings.effects if e.kind == "ambiguous"}
-        for key, effect in alike.items():
-            mine = next((k for k in [key, *effect.rivals] if k in self.used), None)
+        for one in [one for one in self.findings.effects if one.kind == "ambiguous"]:
+            mine = next((key for key in [one.key, *one.rivals] if key in self.used), None)
             if mine is None:
                 continue
-            some = shapes(self._last, key)[: SETTINGS.most_shapes]
-            numbers = {self._groups[n].key: n for n in some}
-            fits = self._fits(numbers, mine)
-            best = best_by_far(self._now, fits)
-            if best is None:
-                continue
-            self.notes.append(
-                f"The fit cannot separate {mine} and {best}; check points are predicted better "
-                f"by far with {best}, so their error afterwards is no longer independent."
-            )
-            self.findings = in_place_of(self.findings, self._last, key, numbers[best])
-            self._go_on(self._with(best, mine), fits[best])
+            named = [key for key in one.rivals if key not in self.used]
+            many = len(self._now.check_points) >= SETTINGS.enough_checks
+            some = shapes(self._last, one.key) if many else []
+            drawn = {self._groups[n].key: n for n in some}
+            for keys, limit in (
+                (named, SETTINGS.clear_ratio_checks), (list(drawn), SETTINGS.same_fit_share)
+            ):  # fmt: skip
+                fits = self._fits(keys[: SETTINGS.most_rivals], mine)
+                best, share = preferred(self._now, fits, self._rows, limit)
+                self.rivals |= {key: told for key, told in share.items() if key in named}
+                if best is None:
+                    continue
+                self.notes.append(
+                    f"The fit cannot separate {mine} and {best}; check points are predicted better "
+                    f"with {best}, so their error afterwards is no longer independent."
+                )
+                if best in drawn:
+                    self.findings = in_place_of(self.findings, self._last, one.key, drawn[best])
+                self._go_on(self._with(best, mine), fits[best])
+                mine = best
 
     def _drop_harmful(self) -> None:
         """Say no effect for sure that takes the check points away from where they were surveyed."""
@@ -362,6 +329,15 @@ class Verification:
                 if one.key == key:
                     one.kind = "suspected"
             self._go_on(others, bare)
+
+    def _drop_suspected(self) -> None:
+        """Add nothing that is only suspected."""
+        kinds = {one.group: one.kind for one in self.findings.unknown}
+        kinds |= {one.key: one.kind for one in self.findings.effects}
+        doubtful = [key for key in self.used if kinds.get(key) == "suspected"]
+        if doubtful:
+            others, bare = self._without(*doubtful)
+            self._go_on(others, bare or self._now)
 
     def _harmful(self) -> tuple[str, list[str], Adjustment] | None:
         """The weakest effect that does harm, the model without it, and its fit.

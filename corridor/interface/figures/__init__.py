@@ -1,6 +1,7 @@
 """Pictures of blocks and adjustments, one style; each function returns a matplotlib Figure."""
 
 from corridor.core.output import png
+from corridor.core.registry import offered
 from corridor.interface.figures._alike import alike
 from corridor.interface.figures._camera_views import camera_views
 from corridor.interface.figures._check_points import (
@@ -37,45 +38,8 @@ from corridor.interface.figures.thermal import (
     thermal_parameters,
 )
 
-__all__ = [
-    "alike",
-    "Panel",
-    "accuracy_by_control",
-    "antenna",
-    "camera_difference",
-    "camera_views",
-    "change_map",
-    "change_maps",
-    "change_profile",
-    "check_points",
-    "check_points_moved",
-    "compare_check_points",
-    "control_map",
-    "correlation_matrix",
-    "counterpart",
-    "counterpart_axes",
-    "counterpart_maps",
-    "curves",
-    "deformation_maps",
-    "detection_map",
-    "error_maps",
-    "estimates",
-    "evidence_bars",
-    "first_look",
-    "flight_readout",
-    "image_shift",
-    "of_adjustment",
-    "of_change",
-    "point_changes",
-    "png",
-    "precision_maps",
-    "readout_picture",
-    "residual_vectors",
-    "residuals_along",
-    "thermal_parameters",
-    "track",
-]
+__all__ = offered(globals())
 
 
 def __dir__():
-    return sorted(__all__)
+    return __all__

@@ -59,7 +59,7 @@ def _maps(
         maps.columns(r.block.ground) for r in results
     ]
     inner = maps.extent(*(frame.place(p) for p in places))
-    long = (inner[1] - inner[0]) > maps.WIDE * (inner[3] - inner[2])
+    long = (inner[1] - inner[0]) > maps.STACKED_FROM * (inner[3] - inner[2])
     beside = len(results) > 1 and not long and not one_map
     width = 8.5 if not beside else 4.0
     # The longest difference takes an eighth of the sheet's width, whatever the block's.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,19 +18,22 @@ from matplotlib.patches import Patch
 from corridor.core.output import short
 from corridor.interface.figures import style
 
-BAND = "#d9d9d9"
+if TYPE_CHECKING:
+    from corridor.diagnosis import Compared, Comparison
+
+BAND_COLOUR = "#d9d9d9"
 # Panels of the first picture, and maps: more are not read.
-MOST = 5
+MOST_PANELS = 5
 MOST_MAPS = 4
 MOST_AXES = 12
 # Deviations from which on a cell is as dark or as light as can be.
-DARKEST = 8.0
-CHANCE = 0.05
+DARKEST_SIGMAS = 8.0
+CHANCE_LEVEL = 0.05
 # Columns of a map beyond which there is no room for numbers in its cells.
-CROWDED = 10
+CROWDED_COLUMNS = 10
 SIGNATURES = "signatures of the physical effects"
 # What tells most of a block in which nothing leaves its band.
-USUAL = (
+USUAL_STATISTICS = (
     SIGNATURES,
     "check-point error, RMS",
     "size of tie residuals by row",
@@ -43,32 +46,7 @@ USUAL = (
 # Inches.
 HEIGHT, BETWEEN, LEFT, PER_ROW = 1.1, 0.24, 0.65, 4
 # Letters of a name, and the inches that one takes upright.
-LONGEST_NAME, UPRIGHT = 26, 0.05
-
-
-class Compared(Protocol):
-    """One statistic beside its band; see `corridor.diagnosis.Compared`."""
-
-    statistic: Any
-    measured: np.ndarray
-    middle: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    z: np.ndarray
-    limit: float
-    excess: float
-    leaves: bool
-    outside: np.ndarray
-
-
-class Comparison(Protocol):
-    """All statistics of a block beside their bands; see `corridor.diagnosis.Comparison`."""
-
-    name: str
-    count: int
-    statistics: list[Compared]
-    leaving: list[Compared]
-    gap: float
+LONGEST_NAME, INCHES_A_LETTER = 26, 0.05
 
 
 def counterpart(
@@ -135,7 +113,7 @@ def _places(before, wide, small, cases) -> tuple[dict, float]:
             places[name] = LEFT + column * (width + LEFT), top, width
         every = (_find(before, name).statistic.labels for name in row)
         upright = [len(one) for names in every if _crowded(names) for one in names]
-        below = 0.15 + UPRIGHT * min(max(upright), LONGEST_NAME) if upright else 0.0
+        below = 0.15 + INCHES_A_LETTER * min(max(upright), LONGEST_NAME) if upright else 0.0
         top += stack + max(below, 0.48) + 0.42
     return places, top - 0.3
 
@@ -216,9 +194,9 @@ def _chosen(before: Comparison, names: Sequence[str] | None) -> list[str]:
     # The signatures say at a glance what the rest is about: they stand first.
     out = [SIGNATURES] if _find(before, SIGNATURES) is not None else []
     out += [one.statistic.name for one in leaving if one.statistic.name != SIGNATURES]
-    out = out[:MOST]
-    for name in [*USUAL, *(one.statistic.name for one in curves)]:
-        if len(out) >= min(MOST, len(curves)):
+    out = out[:MOST_PANELS]
+    for name in [*USUAL_STATISTICS, *(one.statistic.name for one in curves)]:
+        if len(out) >= min(MOST_PANELS, len(curves)):
             break
         if name not in out and _find(before, name) is not None:
             out.append(name)
@@ -247,10 +225,10 @@ def _note(before: Comparison, after: Comparison | None) -> str:
     text = f"{len(before.leaving)} of {len(before.statistics)} statistics leave the band"
     gap = f"gap {_number(before.gap)}"
     if after is None:
-        return f"{text}, by chance {CHANCE * len(before.statistics):.0f} would \u00b7 {gap}"
+        return f"{text}, by chance {CHANCE_LEVEL * len(before.statistics):.0f} would \u00b7 {gap}"
     return (
         f"{text} before, {len(after.leaving)} of {len(after.statistics)} after, "
-        f"{CHANCE * len(after.statistics):.0f} would by chance \u00b7 {gap} before, "
+        f"{CHANCE_LEVEL * len(after.statistics):.0f} would by chance \u00b7 {gap} before, "
         f"{_number(after.gap)} after"
     )
 
@@ -271,7 +249,7 @@ def _number(value: float) -> str:
 
 def _keys() -> list:
     return [
-        Patch(color=BAND, lw=0, label="band of 95 % of the simulated counterparts"),
+        Patch(color=BAND_COLOUR, lw=0, label="band of 95 % of the simulated counterparts"),
         style.key("their mean", color=style.QUIET, lw=0.8, ls="--"),
         style.key("measured, inside", color=style.QUIET, marker="o", ms=2.5, lw=1.0),
         style.key("measured, leaves it", color=style.INK, marker="o", ms=2.5, lw=1.8),
@@ -334,11 +312,11 @@ def _curve(axes: Axes, one: Compared, factor: float, names: Sequence[str]) -> No
     colour, weight = (style.INK, 1.8) if one.leaves else (style.QUIET, 1.0)
     if named:
         for x, a, b, m in zip(at, low, high, middle, strict=True):
-            axes.fill_between([x - 0.36, x + 0.36], a, b, color=BAND, lw=0, zorder=1)
+            axes.fill_between([x - 0.36, x + 0.36], a, b, color=BAND_COLOUR, lw=0, zorder=1)
             axes.plot([x - 0.36, x + 0.36], [m, m], color=style.QUIET, lw=0.8, ls="--", zorder=2)
         axes.plot(at, value, ls="", marker="o", ms=2.8, color=colour, zorder=4)
     else:
-        axes.fill_between(at, low, high, color=BAND, lw=0, zorder=1)
+        axes.fill_between(at, low, high, color=BAND_COLOUR, lw=0, zorder=1)
         axes.plot(at, middle, color=style.QUIET, lw=0.8, ls="--", zorder=2)
         axes.plot(at, value, color=colour, lw=weight, marker="o", ms=2.2, zorder=4)
     axes.plot(at[outside], value[outside], ls="", marker="D", ms=5, color=style.INK, zorder=5)
@@ -364,7 +342,9 @@ def _names(axes: Axes, names: Sequence[str], wide: bool) -> None:
 def _map(axes: Axes, one: Compared | None):
     if one is None:
         axes.set_axis_off()
-        return axes.imshow(np.zeros((1, 1)), cmap=style.SIGNED, vmin=-DARKEST, vmax=DARKEST)
+        return axes.imshow(
+            np.zeros((1, 1)), cmap=style.SIGNED, vmin=-DARKEST_SIGMAS, vmax=DARKEST_SIGMAS
+        )
     statistic = one.statistic
     columns, rows = statistic.shape
     grid = np.full(rows * columns, np.nan)
@@ -375,7 +355,12 @@ def _map(axes: Axes, one: Compared | None):
     x = first[0] + step[0] * (np.arange(columns + 1) - 0.5)
     y = first[1] + step[1] * (np.arange(rows + 1) - 0.5)
     image = axes.pcolormesh(
-        x, y, grid.reshape(rows, columns), cmap=style.SIGNED, vmin=-DARKEST, vmax=DARKEST
+        x,
+        y,
+        grid.reshape(rows, columns),
+        cmap=style.SIGNED,
+        vmin=-DARKEST_SIGMAS,
+        vmax=DARKEST_SIGMAS,
     )
     style.hatch_below(axes, style.cells_of(x, y), np.nan_to_num(grid))
     for cell, out in zip(statistic.cells, one.outside, strict=True):
@@ -383,7 +368,7 @@ def _map(axes: Axes, one: Compared | None):
             i, j = cell % columns, cell // columns
             around = x[i + np.array([0, 1, 1, 0, 0])], y[j + np.array([0, 0, 1, 1, 0])]
             axes.plot(*around, color=style.INK, lw=1.3, zorder=5)
-            if columns > CROWDED:
+            if columns > CROWDED_COLUMNS:
                 continue
             z, middle = grid[cell], (x[i : i + 2].mean(), y[j : j + 2].mean())
             look = {"size": style.SMALL - 1.5, "color": "white" if z > 5 else style.INK}

@@ -55,7 +55,7 @@ def precision_maps(adjustment: Adjustment) -> Figure:
     norm = LogNorm(low, max(high, 3.0 * low), clip=True)
     plan = millimetres(float(np.median(shown["in the datum of the block"][1][0])))
     up = millimetres(float(np.median(shown["in the datum of the block"][1][1])))
-    title = f"Half of the points are better than {plan} in plan and {up} in height"
+    title = f"Half of the points are better than {plan} horizontally and {up} in height"
     width = 3.9
     height = maps.map_height(limits, width, 3.2)
     note = "standard deviation of each point (one sigma), exact \u00b7 one scale of shades"

@@ -18,12 +18,12 @@ if TYPE_CHECKING:
     from corridor.core.adjustment import Adjustment
 
 MOST_CAMERAS = 4
-ROOM = 1.08  # the panel over the image, for arrows that leave it
+PANEL_OVER_IMAGE = 1.08  # the panel over the image, for arrows that leave it
 _ARROW = {
     "units": "inches", "width": 0.016, "headwidth": 4.5, "headlength": 5,
     "headaxislength": 4.5, "minlength": 0.5,
 }  # fmt: skip
-LEAST = 3  # residuals a cell needs before it gets an arrow
+LEAST_RESIDUALS = 3  # residuals a cell needs before it gets an arrow
 
 
 def residual_vectors(adjustment: Adjustment, camera: str | None = None) -> Figure:
@@ -71,7 +71,7 @@ def residual_vectors(adjustment: Adjustment, camera: str | None = None) -> Figur
         if len(block.cameras) > 1:
             style.caption(axes, f"camera {short(name, 24)}")
         if index == 0:
-            _key(figure, left, inch_per_px / ROOM, exaggeration)
+            _key(figure, left, inch_per_px / PANEL_OVER_IMAGE, exaggeration)
     style.shade_bar(figure, shades, bar_left, head, sizes[0][1], "residuals a cell", True)
     return figure
 
@@ -106,7 +106,7 @@ class _Field:
         self.edges_x, self.edges_y = cells(camera.width, camera.height, number, most)
         totals = in_cells(table, mine, self.edges_x, self.edges_y, "vx", "vy")
         self.count = totals[0]
-        divisor = np.where(self.count >= LEAST, self.count, np.nan)
+        divisor = np.where(self.count >= LEAST_RESIDUALS, self.count, np.nan)
         self.mean = totals[[1, 3]] / divisor
         spread = totals[[2, 4]] / divisor - self.mean**2
         error = np.sqrt(np.clip(spread.sum(axis=0), 0, None) / divisor)
@@ -127,7 +127,10 @@ class _Field:
             (known & self.real, style.DARK, 4),
         ):
             arrows(axes, x[rows], y[rows], *self.mean[:, rows], exaggeration, colour, order)
-        room_x, room_y = (ROOM - 1) / 2 * self.width, (ROOM - 1) / 2 * self.height
+        room_x, room_y = (
+            (PANEL_OVER_IMAGE - 1) / 2 * self.width,
+            (PANEL_OVER_IMAGE - 1) / 2 * self.height,
+        )
         axes.set(
             xlim=(-0.5 - room_x, self.width - 0.5 + room_x),
             ylim=(self.height - 0.5 + room_y, -0.5 - room_y),

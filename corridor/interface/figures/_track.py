@@ -46,7 +46,7 @@ def track(
     good = (exposures["why"] == "").to_numpy()
     limits = maps.extent(path, places)
     # A round flight gets the left half of the sheet, a corridor its whole breadth.
-    wide = (limits[1] - limits[0]) > maps.WIDE * (limits[3] - limits[2])
+    wide = (limits[1] - limits[0]) > maps.STACKED_FROM * (limits[3] - limits[2])
     if wide:
         height = maps.map_height(limits, 8.5, 4.0)
         below = 1.15 + height + 1.05 + 2.4 + 0.75

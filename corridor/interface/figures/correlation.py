@@ -15,7 +15,7 @@ from corridor.interface.figures import style
 if TYPE_CHECKING:
     from corridor.core.adjustment import Adjustment
 
-MOST = 40
+MOST_PARAMETERS = 40
 STRONG = 0.95
 # A positive coefficient is dark, a negative one pale with an edge.
 _SIGNS = (
@@ -41,14 +41,14 @@ def correlation_matrix(adjustment: Adjustment) -> Figure:
     note = (
         f"{total} parameters \u00b7 full cell: 1 \u00b7 the coefficient where it is above {STRONG}"
     )
-    if total > MOST:
+    if total > MOST_PARAMETERS:
         off = np.abs(np.nan_to_num(matrix - np.diag(np.diag(matrix))))
         strongest = off.max(axis=1)
-        kept = np.sort(np.argsort(-strongest, kind="stable")[:MOST])
+        kept = np.sort(np.argsort(-strongest, kind="stable")[:MOST_PARAMETERS])
         left_out = np.delete(strongest, kept).max()
         names, matrix = [names[k] for k in kept], matrix[np.ix_(kept, kept)]
         note = (
-            f"the {MOST} of {total:,} parameters with the strongest correlations; "
+            f"the {MOST_PARAMETERS} of {total:,} parameters with the strongest correlations; "
             f"those left out stay within {left_out:.2f}"
         )
     names = shorter(names, list(adjustment.block.cameras))

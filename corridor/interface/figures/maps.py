@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 TURNED_FROM = 2.0  # length over breadth of the cameras from which on the map is turned
 DOTS_FROM = 200  # ground points of one role from which on they are drawn as dots
-WIDE = 2.2  # length over breadth from which on two maps stand one above the other
+STACKED_FROM = 2.2  # length over breadth from which on two maps stand one above the other
 
 
 @dataclass(frozen=True)

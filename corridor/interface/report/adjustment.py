@@ -270,7 +270,7 @@ def _measured(adjustment: Adjustment) -> list[str]:
     if not count:
         return ["There are no check points, so nothing independent tests it."]
     return [
-        f"At {counted(count, 'check point')} it is off by {millimetres(rms.xy)} in plan and "
+        f"At {counted(count, 'check point')} it is off by {millimetres(rms.xy)} horizontally and "
         f"{millimetres(rms.z)} in height (RMS)."
     ]
 

@@ -1,4 +1,4 @@
-"""What a campaign says of one block, and how urgent that is."""
+"""What a batch says of one block, and how urgent that is."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ URGENCY = (
 
 @dataclass(frozen=True)
 class Row:
-    """One block of a campaign.
+    """One block of a batch.
 
-    block: its name in the campaign. folder: where it lies. verdict: one of `URGENCY`; of a
+    block: its name in the batch. folder: where it lies. verdict: one of `URGENCY`; of a
     diagnosis, missed says whether it is not accurate enough. found: effects that a diagnosis found.
     sigma0 and RMS of check points (m, in plan, in height, in space) are NaN where there are none;
     of a diagnosis, those of the block with what was found. attention: the first thing to do, or

@@ -1,4 +1,4 @@
-"""All blocks of a campaign shared out among workers; what is done is kept, block by block."""
+"""All blocks of a batch shared out among workers; what is done is kept, block by block."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from corridor.core.errors import InputError, WorkFailed
 from corridor.core.options import made
 from corridor.core.output import Progress, check_folder, check_gis, sole, telling
 from corridor.core.parallel import WorkerDied, parallel
-from corridor.tools.batch.campaign import Campaign
+from corridor.tools.batch.result import BatchResult
 from corridor.tools.batch.row import NOT_RUN, Row
 from corridor.tools.batch.work import MARK, RESULTS, Asked, Task, call_of, share_of_machine, work
 
@@ -34,7 +34,7 @@ def batch(
     memory_gb: float | None = None,
     progress: Callable[[Progress], None] | None = None,
     **options: Any,
-) -> Campaign:
+) -> BatchResult:
     """Adjusts or diagnoses many blocks: each its own result, and one table and page for all.
 
     verb: `adjust` or `diagnose`. blocks: folders of blocks, or folders that hold such folders.
@@ -71,9 +71,9 @@ def batch(
         tasks = [Task.of(name, folder, output, asked) for name, folder in folders.items()]
         rows = {task.name: Row(task.name, str(task.folder), NOT_RUN) for task in tasks}
 
-        def so_far() -> Campaign:
+        def so_far() -> BatchResult:
             ordered = tuple(sorted(rows.values(), key=lambda row: row.order))
-            return Campaign(verb, ordered, output, asked.required)
+            return BatchResult(verb, ordered, output, asked.required)
 
         so_far().write()
         done, say = 0, telling(progress)
@@ -157,7 +157,7 @@ def _workers(asked: Asked) -> int:
 
 
 def _named(blocks: str | os.PathLike | Iterable[str | os.PathLike]) -> dict[str, Path]:
-    """Folders of blocks by their names in the campaign, which are as much of a path as it takes."""
+    """Folders of blocks by their names in the batch, which are as much of a path as it takes."""
     given = [blocks] if isinstance(blocks, str | os.PathLike) else list(blocks)
     folders = [inner for folder in given for inner in _within(Path(folder).absolute())]
     folders = list(dict.fromkeys(Path(os.path.normpath(folder)) for folder in folders))

@@ -1,4 +1,4 @@
-"""One block of a campaign, by whichever worker: adjusted or diagnosed, saved, and its row kept."""
+"""One block of a batch, by whichever worker: adjusted or diagnosed, saved, and its row kept."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Asked:
 
 @dataclass(frozen=True)
 class Task:
-    """A block to be worked on. name: in the campaign; output: the campaign's folder."""
+    """A block to be worked on. name: in the batch; output: the folder of the batch."""
 
     name: str
     folder: Path
@@ -154,7 +154,7 @@ def call_of(verb: str) -> Callable:
 def work(task: Task) -> Row:
     """Does what is asked of a block, if no other worker has done it meanwhile; its row.
 
-    Raises InputError where the campaign's folder is not on a disk that this worker shares.
+    Raises InputError where the folder of the batch is not on a disk that this worker shares.
     """
     if not (task.output / MARK).is_file():
         raise InputError(

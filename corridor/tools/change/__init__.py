@@ -9,8 +9,9 @@ the covariance of whatever is linear in the points of both dates, `make_cores` a
 """
 
 import sys
-from types import ModuleType
+import types
 
+from corridor.core.registry import offered
 from corridor.tools.change.changing import change, detection
 from corridor.tools.change.comparison import Comparison, read_line
 from corridor.tools.change.cores import Cores, make_cores
@@ -27,46 +28,10 @@ from corridor.tools.change.significance import tested
 from corridor.tools.change.surface import SurfaceChange, Volume, surface_change, volume
 from corridor.tools.change.together import dates_of
 
-__all__ = [
-    "Change",
-    "Cloud",
-    "Comparison",
-    "Cores",
-    "Epoch",
-    "Evidence",
-    "Explanation",
-    "Joint",
-    "PointChanges",
-    "Settlement",
-    "Signatures",
-    "Slide",
-    "SurfaceChange",
-    "Tilt",
-    "Volume",
-    "change",
-    "clouds",
-    "dates_of",
-    "detection",
-    "detection_report",
-    "detection_table",
-    "displacements",
-    "explain",
-    "gathered",
-    "make_cores",
-    "moved_ground",
-    "of_change",
-    "point_changes",
-    "read_line",
-    "remedies",
-    "save",
-    "surface_change",
-    "tested",
-    "verdict_sentence",
-    "volume",
-]
+__all__ = offered(globals())
 
 
-class _Callable(ModuleType):
+class _Callable(types.ModuleType):
     """The room itself can be called: `corridor.change(before, after)`."""
 
     def __call__(self, before, after, **options) -> Change:
@@ -78,4 +43,4 @@ sys.modules[__name__].__class__ = _Callable
 
 
 def __dir__():
-    return sorted(__all__)
+    return __all__

@@ -30,7 +30,7 @@ from corridor.tools.change.significance import congruency
 
 # Level of every test of an epoch, divided among the tests of its kind: so seldom a sound epoch is
 # turned away.
-LEVEL = 1e-3
+FALSE_REFUSAL = 1e-3
 # A scale that is too small by so much makes of a test at 1e-4 one at 1e-2, which a comparison at
 # the usual level bears: 2 (1 - Phi(3.89 / 1.5)) = 0.0095.
 SLACK = 1.5
@@ -38,7 +38,7 @@ SLACK = 1.5
 FAR = 5.0
 FLIGHTS, BOTH_FLIGHTS = ("the first flight", "the second flight"), "the adjustment of both flights"
 # Who fails where no flight does by itself.
-WHOLE = "the two dates"
+BOTH_DATES = "the two dates"
 _AXES = {"plan": " horizontally", "height": " in height"}
 _CALLED = {"gnss": "GNSS positions", "control": "control points", "attitude": "attitudes"}
 
@@ -71,7 +71,7 @@ class Coordinates:
 
     @classmethod
     def of(cls, before: Block, after: Block) -> Coordinates:
-        """Compared by the chi-square of each point, at `LEVEL` divided among all."""
+        """Compared by the chi-square of each point, at `FALSE_REFUSAL` divided among all."""
         sides = [
             {
                 str(name): (xyz, sigma, role == "control")
@@ -93,7 +93,7 @@ class Coordinates:
         sigma = np.array([np.hypot(a[1], b[1]) for a, b in zip(first, second, strict=True)])
         sigma = sigma.reshape(-1, 3)
         size = np.sum((apart / sigma) ** 2, axis=1)
-        differ = size > chi2.isf(LEVEL / max(len(names), 1), 3)
+        differ = size > chi2.isf(FALSE_REFUSAL / max(len(names), 1), 3)
         # Where most are of one survey, what differs from it is no noise of a survey.
         other = (np.abs(apart) > np.maximum(SAME_M, 0.1 * sigma)).any(axis=1)
         if other.sum() < 0.5 * len(other):
@@ -119,7 +119,7 @@ class Coordinates:
         by = ", ".join(f"{v:+.3f}" for v in median)
         more = "" if left < 0.2 * np.abs(median).max() else f", and up to {left:.3f} m more"
         yield Objection(
-            WHOLE,
+            BOTH_DATES,
             f"have two datums: {self.differ.sum()} of {len(self.differ)} ground points have other "
             f"coordinates in the second ground.csv than in the first, by ({by}) m in the median"
             f"{more}",
@@ -166,7 +166,7 @@ def misfits(adjustment: Adjustment, who: str) -> Iterator[Objection]:
     # Beside image points that scatter more than stated, all that is stated counts as more.
     scale = max(adjustment.sigma0, 1.0)
     for one in table.itertuples(index=False):
-        limit = chi2.isf(LEVEL / len(table), one.redundancy)
+        limit = chi2.isf(FALSE_REFUSAL / len(table), one.redundancy)
         if one.sigma0**2 * one.redundancy <= (SLACK * scale) ** 2 * limit:
             continue
         called = _CALLED[one.kind]
@@ -209,7 +209,7 @@ def strange_effects(adjustment: Adjustment, slugs: Iterable[str], who: str) -> I
                 size = abs(worst) / parameter.scale
                 yield Objection(
                     who,
-                    f"its measurements ask for {find(slug).called} of {fixed(size, 0)} times the "
+                    f"its measurements require {find(slug).called} of {fixed(size, 0)} times the "
                     f"usual size ({parameter.name} = {worst:.3g} {parameter.unit})",
                     f"Something else than {find(slug).called} is wrong with {who}: "
                     "`corridor diagnose` says what its model lacks.",
@@ -227,7 +227,7 @@ def held_apart(points: PointChanges | None, scale: float) -> Iterator[Objection]
     at = np.flatnonzero(np.repeat(points.held, 3))
     shift = min(scale, 1.0) / SLACK * points.shift.ravel()[at]
     found = congruency(shift, points.covariance[np.ix_(at, at)])
-    if found.probability >= LEVEL:
+    if found.probability >= FALSE_REFUSAL:
         return
     rows = np.flatnonzero(points.held)
     sigma = points.sigma[rows]

@@ -46,7 +46,7 @@ from corridor.tools.change.explanation import (
 from corridor.tools.change.joint import Joint
 from corridor.tools.change.layers import Layers, layers
 from corridor.tools.change.points import point_changes
-from corridor.tools.change.registration import brought
+from corridor.tools.change.registration import registered
 from corridor.tools.change.result import Change, Compared
 from corridor.tools.change.sentence import told_torn
 from corridor.tools.change.signature import Signatures
@@ -243,7 +243,7 @@ class _Run:
         asked = self.asked
         check_overlap(pair[0].epoch.xyz, pair[1].epoch.xyz)
         if asked.datum == "stable" and pair[0].epoch is not pair[1].epoch:
-            pair = pair[0], brought(*pair, asked.motion, asked.same_ties)
+            pair = pair[0], registered(*pair, asked.motion, asked.same_ties)
         joint = Joint(*pair, asked.common, asked.bias)
         self.say("covariances of the points")
         points = point_changes(joint, asked.level, asked.datum, asked.motion)
@@ -260,7 +260,9 @@ class _Run:
                 joint, cores, asked.level, datum=asked.datum, kind=asked.motion, **asked.surfaces
             )
             volumes = {
-                name: volume(joint, polygon, cores, laying=surface.laying, **asked.surfaces)
+                name: volume(
+                    joint, polygon, cores, registration=surface.registration, **asked.surfaces
+                )
                 for name, polygon in (asked.polygons or {}).items()
             }
         return Compared(adjusted, joint, points, surface, volumes)

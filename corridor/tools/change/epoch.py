@@ -13,7 +13,7 @@ import numpy as np
 from scipy.sparse import csr_array, eye_array, kron
 from scipy.spatial import cKDTree
 
-from corridor.core.adjustment import Adjustment, PointGains, point_gains
+from corridor.core.adjustment import Adjustment, PointRegression, point_regression
 from corridor.core.geometry import Similarity, robust_scale
 
 # What the names of points, images ... begin with where one adjustment holds both dates.
@@ -26,7 +26,7 @@ _AROUND = 9
 class Epoch:
     """What an adjustment says of points, and how their errors hang together.
 
-    With P = own - K' u (see `corridor.adjustment.point_gains`) a linear function F P has the
+    With P = own - K' u (see `corridor.adjustment.point_regression`) a linear function F P has the
     variance F V^-1 F' + S Q S', S = -F K', Q the covariance of the unknowns.
 
     laid: a similarity that takes the adjusted points to where they are compared.
@@ -36,7 +36,7 @@ class Epoch:
         self.adjustment, self.laid = adjustment, laid
         self.system, self.sigma0 = adjustment.system, adjustment.sigma0
         self.names = self.system.points.names
-        self._gains: PointGains | None = None
+        self._gains: PointRegression | None = None
         self._number = np.full(len(self.names), -1)
 
     @cached_property
@@ -54,20 +54,20 @@ class Epoch:
         """Covariances (n, k) of the unknowns with sums of them, unit weight."""
         return self.adjustment.covariance.solve(right)
 
-    def gains(self, points: np.ndarray) -> tuple[PointGains, np.ndarray]:
+    def regression(self, points: np.ndarray) -> tuple[PointRegression, np.ndarray]:
         """V^-1 and K of at least these points, and the number of each of them there."""
         missing = points[self._number[points] < 0]
         if len(missing):
             known = np.zeros(0, np.int64) if self._gains is None else self._gains.points
             every = np.union1d(known, missing)
-            self._gains = point_gains(self.system, every)
+            self._gains = point_regression(self.system, every)
             self._number[every] = np.arange(len(every))
         return self._gains, self._number[points]
 
     def own(self, points: np.ndarray) -> np.ndarray:
         """Covariances (k, 3, 3) of points at given unknowns, unit weight."""
-        gains, number = self.gains(points)
-        return self.turn @ gains.own[number] @ self.turn.T
+        regression, number = self.regression(points)
+        return self.turn @ regression.own[number] @ self.turn.T
 
     def spread(self, rows: csr_array) -> Spread:
         """How the errors of linear functions (r, 3 n) of the points come about."""
@@ -75,13 +75,13 @@ class Epoch:
         if self.laid is not None:
             rows = csr_array(rows @ kron(eye_array(len(self.names)), csr_array(self.turn)))
         used = np.unique(rows.indices // 3)
-        gains, number = self.gains(used)
+        regression, number = self.regression(used)
         axis = np.arange(3)
         columns = (3 * number[:, None] + axis).ravel()
         part = csr_array(rows[:, (3 * used[:, None] + axis).ravel()])
-        through = csr_array(-(part @ gains.gain[:, columns].T))
+        through = csr_array(-(part @ regression.gain[:, columns].T))
         through.sum_duplicates()
-        return Spread(self, part, gains.own[number], used, through)
+        return Spread(self, part, regression.own[number], used, through)
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,8 +37,8 @@ class Evidence:
     """Changes (k,), m, with their covariance (k, k), places (k, 2), which are of the surface (k,),
     and what the effects of each epoch would do to them: effect (k, e), a column a parameter of
     `Signatures`. freedom (k,): degrees of freedom of each variance, see `SurfaceChange`;
-    redundancy: of the scale of them all, where what stands still tells it (`Laying`). cells (c, n):
-    the mean of core points in each cell; near (c, c): which of them are neighbours.
+    redundancy: of the scale of them all, where what stands still tells it (`Registration`).
+    cells (c, n): the mean of core points in each cell; near (c, c): which of them are neighbours.
     """
 
     value: np.ndarray
@@ -131,11 +131,11 @@ def gathered(
         covariance[np.ix_(of_surface, of_surface)] += (uneven @ uneven.T).toarray()
     effect = tuple(s.on(p) for s, p in zip(signatures, joint.parts(functions), strict=False))
     freedom, redundancy = np.full(len(value), np.inf), np.inf
-    laying = None if surface is None else surface.laying
-    if laying is not None:
-        scale = np.where(of_surface, laying.scale, 1.0)
+    registration = None if surface is None else surface.registration
+    if registration is not None:
+        scale = np.where(of_surface, registration.scale, 1.0)
         covariance = scale[:, None] * covariance * scale
-        redundancy = laying.freedom
+        redundancy = registration.freedom
     if surface is not None:
         # Only what comes from rough ground is uncertain, and no surer than at one core point.
         rough = np.zeros(len(value))

@@ -220,16 +220,16 @@ def _control(epochs: list[Epoch]) -> list[Common]:
         rows = [list(control.names).index(name) for name in names]
         point = {epoch.names[k]: k for k in np.flatnonzero(epoch.system.points.mark)}
         points = np.array([point[name] for name in names])
-        gains, number = epoch.gains(points)
+        regression, number = epoch.regression(points)
         weight = control.sigma[rows] ** -2.0
         across = control.turn[rows].transpose(0, 2, 1)
-        own = block_diag(list(gains.own[number] @ across * weight[:, None, :]))
+        own = block_diag(list(regression.own[number] @ across * weight[:, None, :]))
         direct = csr_array(coordinates(epoch, points).T @ own)
         columns = (3 * number[:, None] + np.arange(3)).ravel()
         # An effect of the ground moves what was given, whatever the point.
         own = 3 * np.array(rows)[:, None] + np.arange(3)
         given = control.jacobian[own.ravel()].T.toarray()
-        seen = (gains.gain[:, columns] @ block_diag(list(across))).toarray()
+        seen = (regression.gain[:, columns] @ block_diag(list(across))).toarray()
         right = (given - seen) * weight.ravel()
         sides.append(Side.of(epoch, right, direct))
         sigma.append(epoch.sigma0 * control.sigma[rows].ravel())

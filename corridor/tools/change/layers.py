@@ -17,11 +17,11 @@ import numpy as np
 from corridor.core.preparation import strips_of
 from corridor.tools.change.cores import Cores
 from corridor.tools.change.epoch import Cloud, Epoch
-from corridor.tools.change.m3c2 import LEAST, members
+from corridor.tools.change.m3c2 import LEAST_IN_CYLINDER, members
 from corridor.tools.change.significance import two_sided
 
 # Level of the test, of a patch at one date.
-RARE = 1e-3
+FALSE_ALARM = 1e-3
 APART = 2.0
 
 
@@ -52,13 +52,13 @@ def layers(cloud: Cloud, cores: Cores, degree: int) -> Layers | None:
         mean = sums / np.maximum(count, 1)
         weight = count[:, 0] * count[:, 1] / np.maximum(count.sum(axis=1), 1)
         free = (len(group) - np.count_nonzero(count)) / shared
-        if weight.sum() < LEAST * shared or free < 1:
+        if weight.sum() < LEAST_IN_CYLINDER * shared or free < 1:
             continue
         within = np.sum((found.height - mean.ravel()[group]) ** 2) / shared / free
         above = float(weight @ (mean[:, 1] - mean[:, 0]) / weight.sum())
         sigma = np.sqrt(max(within, 1e-12) * shared / weight.sum())
         chance = two_sided(above / sigma, free)
-        apart = abs(above) > APART * np.sqrt(within) and chance < RARE / len(names)
+        apart = abs(above) > APART * np.sqrt(within) and chance < FALSE_ALARM / len(names)
         if apart and (out is None or abs(above) > abs(out.above)):
             out = Layers(name, above)
     return out

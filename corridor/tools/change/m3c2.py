@@ -24,7 +24,7 @@ from corridor.tools.change.cores import Cores
 from corridor.tools.change.epoch import Cloud
 
 # Fewer points than this are no surface.
-LEAST = 5
+LEAST_IN_CYLINDER = 5
 # Core points whose roughness is taken together: so many at most, as near as this share of the
 # radius, where two cylinders share half of their points.
 AROUND, ALIKE = 9, 0.75

@@ -98,7 +98,7 @@ def point_changes(joint: Joint, level: float, datum: str, kind: str) -> PointCha
     """Displacements of the points that both clouds name; None where there is none.
 
     level: false discovery rate of the single tests, level of the global one. datum: `stated`, or
-    `stable`: laid together on the stable points by a motion of the kind of `laying.MOTIONS`.
+    `stable`: laid together on the stable points by a motion of the kind of `registration.MOTIONS`.
     """
     names = [name for name in joint.before.named if name in joint.after.named]
     if not names:

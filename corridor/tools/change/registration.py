@@ -71,7 +71,7 @@ def stable_weights(change: np.ndarray, motions: np.ndarray, sigma: np.ndarray) -
     return weight
 
 
-def brought(before: Cloud, after: Cloud, kind: str, same_ties: bool) -> Cloud:
+def registered(before: Cloud, after: Cloud, kind: str, same_ties: bool) -> Cloud:
     """The second cloud where it lies on the first; kind: of `MOTIONS`.
 
     same_ties: the surfaces are the same points one for one; else the distances along the normals
@@ -126,7 +126,7 @@ def _moved(laid: Similarity, step: np.ndarray, middle: np.ndarray) -> Similarity
 
 
 @dataclass(frozen=True, eq=False)
-class Laying:
+class Registration:
     """A motion that was taken out of changes. kind: of `MOTIONS`; middle (3,), m: of the
     rotation; gain (k, m): of the changes by it; found: it as functions of the points; motion (m,):
     m, rad, share; stable (k,): which changes carry the datum. scale: how many times as much as
@@ -145,8 +145,8 @@ class Laying:
 
     def scaled(
         self, joint: Joint, functions: csr_array, left: np.ndarray, sampling: np.ndarray
-    ) -> Laying:
-        """The laying with the scale of changes over their standard deviations, left (k,).
+    ) -> Registration:
+        """The registration with the scale of changes over their standard deviations, left (k,).
 
         Most core points stand still: what they scatter beyond their sigma is error that the
         adjustments do not know, as of GNSS of metres, which is not white. Scatter below the stated
@@ -167,7 +167,7 @@ class Laying:
             freedom=float(max(EFFICIENCY * independent, 1.0)),
         )
 
-    def elsewhere(self, functions: csr_array, after: Cloud) -> Laying:
+    def elsewhere(self, functions: csr_array, after: Cloud) -> Registration:
         """The same motion for other changes of the same dates."""
         return replace(self, gain=_gain(functions, after, self.kind, self.middle))
 
@@ -190,7 +190,7 @@ class Laying:
 
 def lay(
     distance: np.ndarray, sigma: np.ndarray, functions: csr_array, after: Cloud, kind: str
-) -> Laying:
+) -> Registration:
     """The motion of the second cloud that makes most changes (k,) none, robustly.
 
     sigma (k,): of each alone.
@@ -210,7 +210,7 @@ def lay(
         stable = new
     finder = s_transformation(gain, weight)
     found = csr_array(csr_array(finder) @ functions)
-    return Laying(kind, middle, gain, found, finder @ distance, stable)
+    return Registration(kind, middle, gain, found, finder @ distance, stable)
 
 
 def _gain(functions: csr_array, after: Cloud, kind: str, middle: np.ndarray) -> np.ndarray:

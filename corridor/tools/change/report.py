@@ -33,12 +33,12 @@ from corridor.core.output import (
 from corridor.tools.change.explanation import Explanation
 from corridor.tools.change.points import PointChanges
 from corridor.tools.change.sentence import lower, millimetres, remedies, verdict_sentence
-from corridor.tools.change.signature import SHOWN
+from corridor.tools.change.signature import SHOWN_LOG_EVIDENCE
 from corridor.tools.change.surface import SurfaceChange, Volume
 
 RESULT = "change.json"
 # Student's limit of 95 % with ten degrees of freedom: below that a scale is told by few numbers.
-FEW = 2.23
+STUDENT_95_OF_10 = 2.23
 _VERDICTS = {
     "moved": "the ground moved",
     "camera": "the camera explains it",
@@ -241,7 +241,7 @@ def _effects(told: Explanation, most: int = 8) -> Table:
         {
             "epoch": row.epoch,
             "effect": row.effect,
-            "shown": "yes" if row.log_evidence > SHOWN else "no",
+            "shown": "yes" if row.log_evidence > SHOWN_LOG_EVIDENCE else "no",
             "shape": f"{100 * row.shape_share:.0f} %",
             "explains": f"{100 * row.explained:.0f} %",
             "likely": _chance(row.probability),
@@ -275,25 +275,29 @@ def _volumes(volumes: Mapping[str, Volume]) -> Table:
 def _datum(change) -> list[str]:
     out, asked, surface = [], change.asked, change.surface
     if asked.datum == "stable":
-        laying = None if surface is None else surface.laying
-        carried = "" if laying is None else f" ({100 * laying.stable.mean():.0f} % of the surface)"
+        registration = None if surface is None else surface.registration
+        carried = (
+            ""
+            if registration is None
+            else f" ({100 * registration.stable.mean():.0f} % of the surface)"
+        )
         out.append(
             f"Both dates are aligned on what stands still{carried} by a "
             f"{asked.motion} motion: a motion of the whole block cannot be seen."
         )
-        if laying is not None and laying.scale >= 1.05:
+        if registration is not None and registration.scale >= 1.05:
             one = "One adjustment of both dates with one camera (--together --same-camera), or "
             less = "Control" if asked.together and asked.same_camera else f"{one}control,"
             out.append(
-                f"What stands still scatters {times(laying.scale)} times as much as its standard "
-                "deviations say, by errors that the adjustments do not know; those of the surface "
-                f"are multiplied by it. {less} would lessen them."
+                f"What stands still scatters {times(registration.scale)} times as much as its "
+                "standard deviations say, by errors that the adjustments do not know; those of the "
+                f"surface are multiplied by it. {less} would lessen them."
             )
         limit = 0.0 if surface is None else float(np.median(surface.detection / surface.total))
-        if limit > FEW:
+        if limit > STUDENT_95_OF_10:
             out.append(
-                "How far to trust the standard deviations is told by what stands still, and few "
-                f"parts of it are independent: a change counts (95 %) from {times(limit)} times "
+                "What stands still shows how far to trust the standard deviations, and few parts "
+                f"of it are independent: a change counts (95 %) from {times(limit)} times "
                 "its sigma on."
             )
     if change.gained is not None:

@@ -10,7 +10,7 @@ import pandas as pd
 from corridor.core.effects import find
 from corridor.core.errors import some
 from corridor.core.output import DASH, fixed
-from corridor.tools.change.admission import WHOLE
+from corridor.tools.change.admission import BOTH_DATES
 from corridor.tools.change.explanation import Explanation
 
 # What tells an effect of this place from motion of the ground.
@@ -53,9 +53,9 @@ def _unfit(objections) -> str:
     """Who does not fit, and how: the first of each."""
     first = objections[0]
     how = [one.what for one in objections if one.who == first.who][:2]
-    if first.who == WHOLE:
-        return f"Cannot be told: {first.who} {how[0]}."
-    return f"Cannot be told: {first.who} does not fit its own model: {'; '.join(how)}."
+    if first.who == BOTH_DATES:
+        return f"Cannot be determined: {first.who} {how[0]}."
+    return f"Cannot be determined: {first.who} does not fit its own model: {'; '.join(how)}."
 
 
 def remedies(change, most: int = 3) -> list[str]:
@@ -69,7 +69,7 @@ def remedies(change, most: int = 3) -> list[str]:
     if not len(hiding):
         return [
             "No single effect hides the change, several together do: control points that stand "
-            "still at both dates would tell."
+            "still at both dates would decide."
         ]
     out = []
     for place, rows in hiding.groupby("place", sort=False):

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.sparse import csr_array
 
-from corridor.core.adjustment import Columns, LinearSystem, point_gains
+from corridor.core.adjustment import Columns, LinearSystem, point_regression
 from corridor.core.effects import Effect, candidates
 from corridor.tools.change.epoch import Epoch, Spread
 
@@ -30,7 +30,7 @@ NOTHING_M = 1e-9
 # Log evidence from which on the measurements of an epoch show an effect: a Bayes factor reaches k
 # by chance in one of k draws at most (Markov), so that one in a hundred blocks without any would
 # show one of some forty candidates.
-SHOWN = 8.3
+SHOWN_LOG_EVIDENCE = 8.3
 # Effects of single images are asked of so many, evenly spread: enough to show them, and a matrix
 # of bounded size.
 MOST_IMAGES = 100
@@ -93,7 +93,7 @@ class Signatures:
 
     def on(self, spread: Spread) -> np.ndarray:
         """G (r, e): change of functions by one prior standard deviation of each parameter."""
-        gains = point_gains(self._tested, spread.points)
+        gains = point_regression(self._tested, spread.points)
         direct = spread.rows @ gains.gain[self._at].T.toarray()
         through = spread.through @ self._followed
         moved = (direct + through) * self.scale
@@ -144,7 +144,7 @@ class Signatures:
                 break
             gains = [self.log_evidence([*found, slug]) for slug in others]
             best = int(np.argmax(gains))
-            if gains[best] - self.log_evidence(found) < SHOWN:
+            if gains[best] - self.log_evidence(found) < SHOWN_LOG_EVIDENCE:
                 break
             found.append(others[best])
         return set(found)

@@ -25,14 +25,14 @@ from corridor.tools.change.cores import Cores
 from corridor.tools.change.epoch import Cloud
 from corridor.tools.change.joint import Joint
 from corridor.tools.change.m3c2 import (
-    LEAST,
+    LEAST_IN_CYLINDER,
     Members,
     distance_functions,
     members,
     roughness,
     sampling,
 )
-from corridor.tools.change.registration import Laying, lay
+from corridor.tools.change.registration import Registration, lay
 from corridor.tools.change.significance import discoveries, two_sided
 
 # Core points by which the degree of the surface is chosen.
@@ -66,21 +66,21 @@ class SurfaceChange:
     functions: csr_array = field(repr=False)
     rough: csr_array = field(repr=False)
     joint: Joint = field(repr=False)
-    laying: Laying | None = field(default=None, repr=False)
+    registration: Registration | None = field(default=None, repr=False)
 
     def __len__(self) -> int:
         return len(self.distance)
 
     def sums(self, matrix) -> csr_array:
         """Sums of the distances, by a matrix (s, k), as functions of the points."""
-        if self.laying is None:
+        if self.registration is None:
             return csr_array(csr_array(matrix) @ self.functions)
-        return self.laying.sums(self.functions, matrix)
+        return self.registration.sums(self.functions, matrix)
 
     def sigma_of_sums(self, matrix) -> np.ndarray:
         """Standard deviations (s,), m, of such sums: of measurements and sampling."""
         sums = self.sums(matrix)
-        scale = 1.0 if self.laying is None else self.laying.scale
+        scale = 1.0 if self.registration is None else self.registration.scale
         return scale * np.sqrt(self.joint.variance(sums) + self.sampling_of_sums(matrix))
 
     def sampling_of_sums(self, matrix) -> np.ndarray:
@@ -134,21 +134,21 @@ def surface_change(
     sampled: bool = True,
     datum: str = "stated",
     kind: str = "rigid",
-    laying: Laying | None = None,
+    registration: Registration | None = None,
 ) -> SurfaceChange:
     """The change between both clouds of `joint` at core points where each shows a surface.
 
     level: false discovery rate. degree: see `members`. sampled: False where both surfaces are the
     very same points of the ground, one for one, so that its roughness cancels. datum: `stated`, or
-    `stable`: laid together by a motion of the kind of `laying.MOTIONS` on what stands still.
-    laying: the motion found by another surface of the same dates, in place of one's own.
+    `stable`: laid together by a motion of the kind of `registration.MOTIONS` on what stands still.
+    registration: the motion found by another surface of the same dates, in place of one's own.
     Raises InputError where no core point shows a surface at both dates.
     """
     if not len(cores):
         raise InputError("no core points are given: there is no surface to compare")
     clouds = (joint.before, joint.after)
     found = _both(clouds, cores, degree, sampled)
-    least = max(LEAST, found[0].fit + 2)
+    least = max(LEAST_IN_CYLINDER, found[0].fit + 2)
     kept = np.flatnonzero((found[0].count >= least) & (found[1].count >= least))
     if not len(kept):
         raise InputError(
@@ -164,18 +164,18 @@ def surface_change(
     between = _squares(rough)
     functions = distance_functions(clouds, found, cores)
     distance, variance = found[1].mean - found[0].mean, joint.variance(functions)
-    own = laying is None and datum == "stable"
+    own = registration is None and datum == "stable"
     if own:
         alone = np.sqrt(joint.own_variance(functions) + between)
-        laying = lay(distance, alone, functions, joint.after, kind)
-    elif laying is not None:
-        laying = laying.elsewhere(functions, joint.after)
-    if laying is not None:
-        variance = np.maximum(laying.variance(joint, functions, variance), 0.0)
-        distance, known = laying.apply(distance), variance + between
+        registration = lay(distance, alone, functions, joint.after, kind)
+    elif registration is not None:
+        registration = registration.elsewhere(functions, joint.after)
+    if registration is not None:
+        variance = np.maximum(registration.variance(joint, functions, variance), 0.0)
+        distance, known = registration.apply(distance), variance + between
         if own:
-            laying = laying.scaled(joint, functions, distance / np.sqrt(known), between)
-        variance = variance + (laying.scale**2 - 1.0) * known
+            registration = registration.scaled(joint, functions, distance / np.sqrt(known), between)
+        variance = variance + (registration.scale**2 - 1.0) * known
     return SurfaceChange(
         cores=cores,
         distance=distance,
@@ -183,12 +183,14 @@ def surface_change(
         sampling=np.sqrt(between),
         count=np.column_stack([f.count for f in found]),
         roughness=np.column_stack([f.spread for f in found]),
-        freedom=_freedom(variance, between, free, np.inf if laying is None else laying.freedom),
+        freedom=_freedom(
+            variance, between, free, np.inf if registration is None else registration.freedom
+        ),
         level=level,
         functions=functions,
         rough=rough,
         joint=joint,
-        laying=laying,
+        registration=registration,
     )
 
 
@@ -202,7 +204,7 @@ def _freedom(
 ) -> np.ndarray:
     """Degrees of freedom (k,) of a variance (k,) that is known and one (k,) that is estimated.
 
-    free (k,): of the roughness. scale_freedom: of the scale of them all, see `Laying`.
+    free (k,): of the roughness. scale_freedom: of the scale of them all, see `Registration`.
     Source: Welch 1947.
     """
     whole = (variance + between) ** 2
@@ -293,17 +295,20 @@ class Volume:
 
 def volume(
     joint: Joint, polygon: np.ndarray, cores: Cores, degree: int = 0, sampled: bool = True,
-    laying: Laying | None = None,
+    registration: Registration | None = None,
 ) -> Volume:  # fmt: skip
     """The change of volume within a polygon (n, 2), after minus before, up is more.
 
-    cores: whose spacing and radius are used; the cells are upright. laying: of the whole surface,
-    see `surface_change`. Raises InputError where the polygon holds no cell that both epochs show.
+    cores: whose spacing and radius are used; the cells are upright. registration: of the whole
+    surface, see `surface_change`. Raises InputError where the polygon holds no cell that both
+    epochs show.
     """
     polygon = np.asarray(polygon, float)[:, :2]
     upright = _cells(polygon, cores, joint)
     try:
-        found = surface_change(joint, upright, degree=degree, sampled=sampled, laying=laying)
+        found = surface_change(
+            joint, upright, degree=degree, sampled=sampled, registration=registration
+        )
     except InputError:
         raise InputError(
             "the polygon holds no ground that both epochs show: check its coordinates, which are "
@@ -317,7 +322,7 @@ def summed(found: SurfaceChange, share: float, area: float) -> Volume:
     cell = share * area / len(found)
     row = csr_array(np.full((1, len(found)), cell))
     total = found.sums(row)
-    scale = 1.0 if found.laying is None else found.laying.scale
+    scale = 1.0 if found.registration is None else found.registration.scale
     return Volume(
         value=float(cell * found.distance.sum()),
         sigma=scale * float(np.sqrt(found.joint.variance(total)[0])),

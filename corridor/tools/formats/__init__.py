@@ -21,28 +21,3 @@ from corridor.tools.formats.project import Project
 from corridor.tools.formats.proof import Proof, Residuals, demand, prove
 from corridor.tools.formats.reading import format_names, read_project
 from corridor.tools.formats.rows import camera_positions
-
-__all__ = [
-    "Additions",
-    "Exported",
-    "Imported",
-    "Photograph",
-    "Project",
-    "Proof",
-    "Residuals",
-    "add_ground",
-    "camera_positions",
-    "candidates",
-    "complete",
-    "demand",
-    "export_names",
-    "export_project",
-    "format_names",
-    "ground_seen",
-    "import_project",
-    "prove",
-    "read_adjusted",
-    "read_gcp_list",
-    "read_photograph",
-    "read_project",
-]

@@ -20,7 +20,7 @@ from corridor.core.block import LAYOUTS, SIGMAS, Block, Layout, place, read_colu
 from corridor.core.errors import InputError
 from corridor.core.geometry import similarity
 from corridor.core.gnss import GEOGRAPHIC, convert, known_crs, local_of, outside_area
-from corridor.core.textfile import Line, filled, opening
+from corridor.core.textfile import Line, filled, opening, says_number
 from corridor.tools.formats.ground_text import read_text, role_of
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.plausible import remedy
@@ -88,7 +88,7 @@ def is_gcp_list(head: str) -> bool:
         return True
     # The last line of the head may be cut off.
     words = rows[1 if len(rows) > 1 else 0].split()
-    listed = len(words) > 5 and all(map(_is_number, words[:5])) and not _is_number(words[5])
+    listed = len(words) > 5 and all(map(says_number, words[:5])) and not says_number(words[5])
     return listed and "," not in "".join(words[:5])
 
 
@@ -121,7 +121,7 @@ def read_gcp_list(path: Path) -> Ground:
             continue
         # A name may stand in quotes, and have blanks in them.
         words = next(csv.reader([" ".join(line.text.split())], delimiter=" "))
-        if len(words) == 5 and not _is_number(words[4]):
+        if len(words) == 5 and not says_number(words[4]):
             # x y column row image: a point without height
             words = [*words[:2], "0", *words[2:]]
         if len(words) < 6:
@@ -176,14 +176,6 @@ def _known_system(line: Line) -> str:
     except InputError as error:
         raise line.wrong(str(error)) from None
     return crs
-
-
-def _is_number(word):
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _xml(path):

@@ -16,7 +16,7 @@ from corridor.core.photographs import Metadata
 from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness
 
 # This near counts as the same direction; so many must be the same, of so many or more.
-NEAR_DEG, AGREEING_SHARE, LEAST = 30.0, 0.8, 4
+NEAR_DEG, AGREEING_SHARE, LEAST_PHOTOS = 30.0, 0.8, 4
 # A way between photographs that is shorter than a position's error has no direction.
 _LEAST_WAY_M = 5.0
 
@@ -93,7 +93,7 @@ def _degrees(photos, fact):
 
 
 def _many(yaw):
-    return bool(np.isfinite(yaw).sum() >= LEAST)
+    return bool(np.isfinite(yaw).sum() >= LEAST_PHOTOS)
 
 
 def _off(one, other):
@@ -104,16 +104,23 @@ def _off(one, other):
 def _alike(one, other):
     off = np.abs(wrapped(one - other))
     known = np.isfinite(off)
-    return bool(known.sum() >= LEAST and (off[known] < NEAR_DEG).mean() >= AGREEING_SHARE)
+    return bool(known.sum() >= LEAST_PHOTOS and (off[known] < NEAR_DEG).mean() >= AGREEING_SHARE)
 
 
 def _turned_as_one(seen, yaw):
     """Whether two yaws differ by one turn of the whole, with no photograph the other way round."""
     off = (seen - yaw)[np.isfinite(seen - yaw)]
-    if len(off) < LEAST:
+    if len(off) < LEAST_PHOTOS:
         return False
     turn = turn_of(off)
     return any(_alike(off, np.full(len(off), turn + half)) for half in (0, 180))
+
+
+def east_north(photos: Sequence[Metadata]) -> np.ndarray:
+    """Where photographs were taken (n, 2), m east and north of their middle."""
+    spots = np.array([[photo.lon_deg, photo.lat_deg, 0.0] for photo in photos])
+    lon, lat, _ = np.median(spots, axis=0)
+    return Local(float(lat), float(lon), 0.0).from_geographic(spots)[:, :2]
 
 
 def _courses(photos):
@@ -130,10 +137,7 @@ def _courses(photos):
         for k, p in enumerate(photos)
     }
     placed.sort(key=lambda k: (moment[k], photos[k].name))
-    spots = np.array([[photos[k].lon_deg, photos[k].lat_deg, 0.0] for k in placed])
-    lon, lat, _ = np.median(spots, axis=0)
-    plan = Local(float(lat), float(lon), 0.0).from_geographic(spots)[:, :2]
-    step = np.diff(plan, axis=0)
+    step = np.diff(east_north([photos[k] for k in placed]), axis=0)
     long = np.linalg.norm(step, axis=1) > _LEAST_WAY_M
     way = np.degrees(np.arctan2(step[:, 0], step[:, 1]))
     # Where a strip ends, the ways before and after differ: neither is the drone's.
@@ -147,14 +151,14 @@ def _courses(photos):
 def _one_way(course):
     """Whether all known courses go one way."""
     known = course[np.isfinite(course)]
-    return len(known) < LEAST or _alike(known, np.full(len(known), known[0]))
+    return len(known) < LEAST_PHOTOS or _alike(known, np.full(len(known), known[0]))
 
 
 def _way(yaw, course):
     """What the course over ground says of yaws: a drone may fly sideways, but rarely all along."""
     known = np.isfinite(yaw) & np.isfinite(course)
     source = "the course over ground"
-    if known.sum() < LEAST:
+    if known.sum() < LEAST_PHOTOS:
         return Witness(source, UNCHECKED, "too few photographs lie on straight strips")
     if _alike(yaw, course):
         return Witness(source, AGREES, f"the same to {_off(yaw, course)} degrees")

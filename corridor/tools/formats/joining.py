@@ -7,8 +7,8 @@ from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial.distance import pdist, squareform
 
 from corridor.core.block import Block
-from corridor.core.gnss import Local
 from corridor.core.photographs import Metadata, stated_focal
+from corridor.tools.formats.heading import east_north
 from corridor.tools.formats.placing import readout_of
 
 # Features are joined within a few pixels: more motion than this in one picture bends it too much.
@@ -30,7 +30,7 @@ def places_apart(photos: list[Metadata], names: list[str]) -> str | None:
     placed = [k for k, photo in enumerate(photos) if photo.lat_deg is not None]
     if len(placed) < 3:
         return None
-    plan = _plan([photos[k] for k in placed])
+    plan = east_north([photos[k] for k in placed])
     tree = minimum_spanning_tree(squareform(pdist(plan))).toarray()
     steps = tree[tree > 0]
     if not len(steps):
@@ -47,13 +47,6 @@ def places_apart(photos: list[Metadata], names: list[str]) -> str | None:
         f"the photographs lie in {count} places, {np.hypot(*(middles[0] - middles[1])) / 1000:.1f} "
         f"km from each other: {told}; import each place by itself"
     )
-
-
-def _plan(photos: list[Metadata]) -> np.ndarray:
-    """(n, 2) east, north, m."""
-    spots = np.array([[photo.lon_deg, photo.lat_deg, 0.0] for photo in photos])
-    lon, lat, _ = np.median(spots, axis=0)
-    return Local(float(lat), float(lon), 0.0).from_geographic(spots)[:, :2]
 
 
 def why_lost(photos: list[Metadata], joined: set[int]) -> str:
@@ -143,7 +136,7 @@ def _overlap(photos, joined):
     lost = np.array([k not in joined for k in placed])
     if len(placed) < 3 or not lost.any():
         return
-    plan = _plan([photos[k] for k in placed])
+    plan = east_north([photos[k] for k in placed])
     apart = np.linalg.norm(plan[:, None] - plan[None], axis=2)
     np.fill_diagonal(apart, np.inf)
     # A model grows from picture to picture: the second neighbour decides.

@@ -21,6 +21,7 @@ from corridor.core.geometry import (
 from corridor.core.gnss import GEOGRAPHIC, Local, local_of, local_table
 from corridor.core.photographs import (
     Metadata,
+    global_shutter,
     of_picture,
     photographs_in,
     published_readouts,
@@ -36,7 +37,7 @@ from corridor.core.preparation import (
     Witness,
     paired_speeds,
     record_derived,
-    velocity_doubts,
+    velocity_warnings,
 )
 from corridor.tools.formats.control import moved_by
 from corridor.tools.formats.ground import in_frame
@@ -335,7 +336,7 @@ def _with_velocities(project: Project, velocity: np.ndarray, source: str) -> Pro
     columns = dict(zip(VELOCITY, velocity.T, strict=True))
     made = project.having(notes=[told], images=_having(project, **columns))
     block = replace(made.block, extra=dict(made.block.extra))
-    doubts, pairs = velocity_doubts(block), paired_speeds(block)
+    doubts, pairs = velocity_warnings(block), paired_speeds(block)
     if doubts:
         witness = Witness("positions and times", CONTRADICTS, doubts[0])
     elif len(pairs.told) < _LEAST_PAIRS:
@@ -377,12 +378,11 @@ def gyro_rates(photo: Metadata, time_s: float | None) -> pd.DataFrame | None:
 
 
 def _by_camera(project, photos):
-    """Each camera with its first photograph."""
-    names = project.block.images["camera"]
-    first = {names.iloc[row]: photo for row, photo in reversed(photos.items())}
-    return [
-        (camera, first[name]) for name, camera in project.block.cameras.items() if name in first
-    ]
+    """Each camera with its photographs."""
+    names, mine = project.block.images["camera"], {}
+    for row, photo in photos.items():
+        mine.setdefault(names.iloc[row], []).append(photo)
+    return [(c, mine[name]) for name, c in project.block.cameras.items() if name in mine]
 
 
 def _with_readout(project, photos):
@@ -397,18 +397,31 @@ def _with_readout(project, photos):
                 "gets no readout time. Take the originals, or turn them back, and import again"
             ]
         )
-    for camera, photo in _by_camera(project, photos):
+    for camera, mine in _by_camera(project, photos):
+        photo, name = mine[0], camera.name
         if not photo.model or camera.readout_s is not None or photo.name in turned:
             continue
-        name, (readout, source) = camera.name, readout_of(photo, camera.height)
+        by_row = [one for one in mine if not at_once(one)]
+        readout, source = readout_of(photo, camera.height)
+        if by_row and len(by_row) < len(mine):
+            readout = None
+            source = (
+                f"{len(by_row)} of {len(mine)} photographs were taken with the electronic "
+                f"shutter (first: {by_row[0].name}), which reads row by row, the others with one "
+                "that exposes all rows at once: no readout time was taken; import the two apart"
+            )
         if readout is None:
-            notes += [f"camera {name} ({photo.model}): {source}"] if source else []
+            told = f"camera {name} ({photo.model}): {source}"
+        elif readout:
+            told = f"camera {name}: readout {1000 * readout:.1f} ms, {source}; 0 if its shutter is "
+            told += "global"
+        else:
+            told = f"camera {name}: all rows are exposed at once, readout 0 ms ({source})"
+        if not source:
             continue
+        notes.append(told)
         extra = {**camera.extra, "readout_from": source}
         cameras[name] = replace(camera, readout_s=readout, extra=extra)
-        notes.append(
-            f"camera {name}: readout {1000 * readout:.1f} ms, {source}; 0 if its shutter is global"
-        )
     return project.having(notes=notes, cameras=cameras)
 
 
@@ -427,7 +440,7 @@ def _turned_by_a_quarter(photos) -> list[str]:
 def _with_focal(project, photos):
     """Writes the focal length that photographs state, with its sigma: a prior of an adjustment."""
     cameras, notes = dict(project.block.cameras), []
-    for camera, photo in _by_camera(project, photos):
+    for camera, (photo, *_) in _by_camera(project, photos):
         same = abs(photo.width * camera.height / (photo.height_px * camera.width) - 1) < 0.01
         stated = stated_focal(photo, max(camera.width, camera.height)) if same else None
         if camera.calibrated or stated is None:
@@ -441,11 +454,28 @@ def _with_focal(project, photos):
     return project.having(notes=notes, cameras=cameras)
 
 
+def at_once(photo: Metadata) -> str:
+    """Who says that all rows of a photograph were exposed at once; empty where nobody does.
+
+    DJI's XMP names the shutter (user manuals of Mavic 3M and Matrice 4, "ShutterType"); else the
+    model, with the size of its picture and how long it was exposed.
+    """
+    known = global_shutter(f"{photo.make} {photo.model}") or global_shutter(photo.model)
+    shutter = photo.tags.get("ShutterType", "")
+    if "mechanical" in shutter.lower():
+        return f"{shutter} shutter by its photographs"
+    if not known or (shutter and known.shortest_s):
+        return ""
+    return str(known) if known.takes(photo.taken_size, photo.exposure_s) else ""
+
+
 def readout_of(photo: Metadata, height: int) -> tuple[float | None, str]:
     """Seconds from the first to the last row and their source, or None and why, if anything.
 
     height: of the pictures in question, px.
     """
+    if said := at_once(photo):
+        return 0.0, said
     if photo.line_ns and photo.tags.get("ModelType", "perspective") == "perspective":
         rows = photo.taken_size[1]
         source = f"{photo.line_ns:g} ns a row by its photographs"
@@ -454,7 +484,12 @@ def readout_of(photo: Metadata, height: int) -> tuple[float | None, str]:
     named = f"{photo.make} {photo.model}"
     every = published_readouts(named) or published_readouts(photo.model)
     if not every:
-        return None, ""
+        return None, (
+            "its electronic shutter took them, which reads row by row; its readout time is not "
+            "known"
+            if global_shutter(photo.model)
+            else ""
+        )
     found = of_picture(every, photo.taken_size)
     values = [row.readout_ms for row in found]
     if max(values) > _SAME_MODE * min(values):

@@ -291,7 +291,7 @@ class Views:
 
 
 @dataclass
-class Pieces:
+class Contents:
     """What a format found, before it is a block.
 
     cameras: by name; a NoModel in the place of one leaves its images out. images, used: names of
@@ -364,7 +364,7 @@ class Pieces:
                 )
         return Project(form, source, block, notes=self.notes, warnings=self.warnings, **more)
 
-    def _of_known_cameras(self, source: Path) -> Pieces:
+    def _of_known_cameras(self, source: Path) -> Contents:
         """The pieces without the images of cameras for which there is no model, which are told."""
         strange = {k: why for k, why in self.cameras.items() if isinstance(why, NoModel)}
         if not strange:

@@ -23,7 +23,7 @@ from corridor.core.photographs import Metadata
 from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness, record_derived
 from corridor.tools.formats.heading import (
     AGREEING_SHARE,
-    LEAST,
+    LEAST_PHOTOS,
     NEAR_DEG,
     Headings,
     headings,
@@ -104,7 +104,7 @@ def _recorded(project: Project, found: Headings, seen: np.ndarray, turned: np.nd
     known = np.isfinite(found.yaw) & np.isfinite(seen)
     mapped = Witness("the mapped poses", UNCHECKED, "the yaw in the metadata is not used")
     sigma = None
-    if found.source and known.sum() >= LEAST:
+    if found.source and known.sum() >= LEAST_PHOTOS:
         off = wrapped(seen[known] - found.yaw[known])
         off = wrapped(off - turn_of(off))
         off = np.minimum(np.abs(off), 180 - np.abs(off))
@@ -188,7 +188,7 @@ def upside_down(seen: np.ndarray, said: np.ndarray) -> np.ndarray:
     off = seen - said
     known = np.isfinite(off)
     none = np.zeros(len(off), dtype=bool)
-    if known.sum() < LEAST:
+    if known.sum() < LEAST_PHOTOS:
         return none
     off = wrapped(off - turn_of(off[known]))
     upright, turned = np.abs(off) < NEAR_DEG, np.abs(off) > 180 - NEAR_DEG

@@ -12,18 +12,3 @@ from corridor.tools.planning.planned import Planned, plan
 from corridor.tools.planning.planner import Planner, subset
 from corridor.tools.planning.surveyed import Surveyed
 from corridor.tools.planning.sweeping import flight_sets, sweep
-
-__all__ = [
-    "Accuracy",
-    "Carried",
-    "Expected",
-    "GnssNoise",
-    "Planned",
-    "Planner",
-    "Surveyed",
-    "advice",
-    "flight_sets",
-    "plan",
-    "subset",
-    "sweep",
-]

@@ -183,7 +183,7 @@ class Planner:
         rows, station = self._along
         if not 0 <= count <= len(rows):
             raise InputError(
-                f"{count} control points are asked for and {len(rows)} candidates are there: "
+                f"{count} control points are wanted, and there are {len(rows)} candidates: "
                 "give more stations"
             )
         names, stations = self.surveyed.names, np.unique(station)

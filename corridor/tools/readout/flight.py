@@ -12,11 +12,12 @@ import pandas as pd
 
 from corridor.core import adjustment as least_squares
 from corridor.core.block import Block, read
+from corridor.core.camera import Camera
 from corridor.core.effects import Effect, Images, every_effect
 from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.core.geometry import by_contrasts, honest
+from corridor.core.geometry import cluster_robust_sigma, sigma_by_test
 from corridor.core.output import Progress, telling
-from corridor.core.photographs import of_picture, published_readouts
+from corridor.core.photographs import global_shutter, of_picture, published_readouts
 from corridor.core.preparation import prepare, strips_of
 from corridor.tools.readout.flight_report import CONTRADICTS, FlightReadout, Left, Turns
 from corridor.tools.readout.motion import DELAY_S, motion_of, on_one_clock
@@ -78,14 +79,16 @@ def readout_from_flight(
         say("leaving out one strip in turn", 0.5 + 0.4 * number / len(groups), 1.0)
         left.append(Left(strip, len(rows), *_without(adjustment, rows)))
     without = [one.readout for one in left], [one.sigma for one in left]
-    by_strips, free = by_contrasts(readout, formal, *without)
-    sigma = honest(formal, by_strips, free)
+    by_strips, free = cluster_robust_sigma(readout, formal, *without)
+    sigma = sigma_by_test(formal, by_strips, free)
     counsel = None
     if advise:
         say("looking for photographs that would help", 0.9, 1.0)
         counsel = advice(adjustment, motion, _number(adjustment), sigma / formal)
     camera = block.cameras[name]
-    size = camera.width, camera.height
+    size, at_once = (camera.width, camera.height), _at_once(camera, model)
+    every = published_readouts(model) if model and not at_once else []
+    published = tuple(of_picture(every, size))
     eight, eight_sigma = _with_eight(adjustment)
     scale = adjustment.problem.model.motion or least_squares.MotionScale()
     ground = float(np.median(adjustment.state.points[:, 2]))
@@ -102,8 +105,8 @@ def readout_from_flight(
             turning=least_squares.as_seen(motion.turning, scale.turned),
         ),
         reasons=(),
-        published=tuple(of_picture(published_readouts(model), size)) if model else (),
-        stated=camera.readout_s, advice=counsel, place=block.numbers("images", *"xyz"),
+        published=published, stated=camera.readout_s, at_once=at_once, advice=counsel,
+        place=block.numbers("images", *"xyz"),
         names=tuple(block.images["image"].astype(str)), sigma0=adjustment.sigma0, height=height,
         rows=camera.height if camera.row_direction in ("down", "up") else camera.width,
         notes=tuple(dict.fromkeys(notes)), turns=_turns(adjustment, readout),
@@ -114,6 +117,15 @@ def readout_from_flight(
     if result.turns:
         in_camera = np.hstack([in_camera, height * result.turns.rate[system.image_order]])
     return judged(result, in_camera)
+
+
+def _at_once(camera: Camera, model: str) -> str:
+    """Who says that all rows of the camera are exposed at once; empty where nobody does."""
+    if camera.readout_s is not None:
+        return "" if camera.readout_s else camera.extra.get("readout_from", "block.toml")
+    # The photographs themselves, where they were asked, say more than the model.
+    known = None if "readout_from" in camera.extra else global_shutter(model)
+    return str(known) if known else ""
 
 
 # Which effects of the catalogue tell a readout: by what they act on and need, not by name.
@@ -264,7 +276,13 @@ def _reasons(found: FlightReadout, in_camera: np.ndarray) -> Iterator[str]:
         yield f"The readout time is known to {1000 * found.sigma:.1f} ms only: {why}"
     elif swamped:
         yield swamped
-    if found.readout < -CONTRADICTS * found.sigma:
+    if found.at_once and abs(found.readout) > CONTRADICTS * found.sigma:
+        yield (
+            f"All rows of this camera are exposed at once ({found.at_once}), so that "
+            f"{1000 * found.readout:.1f} ms is no readout time: velocities, time stamps, or the "
+            "lens look like one, or the electronic shutter took the pictures."
+        )
+    elif found.readout < -CONTRADICTS * found.sigma:
         yield (
             f"The readout time comes out negative ({1000 * found.readout:.1f} ms): rows are read "
             "the other way than row_direction of block.toml says, the pictures were turned, or the "

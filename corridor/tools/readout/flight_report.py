@@ -60,12 +60,13 @@ class FlightReadout:
     camera: its name. told: whether the flight tells it; reasons: sentences, why not.
     readout, sigma: by the flight, one sigma, all included: the formal one (noise, errors and delay
         of the velocities, turns that nobody wrote down), or what the strips show when each is
-        left out (`geometry.by_contrasts`), where that contradicts it. formal, jackknife: either
-        alone. left: without each strip. eight, eight_sigma: with b1 = b2 = 0.
+        left out (`geometry.cluster_robust_sigma`), where that contradicts it. formal, jackknife:
+        either alone. left: without each strip. eight, eight_sigma: with b1 = b2 = 0.
     delay: by which the speeds were written late, s, with its sigma. motion: of the images, in the
         order of images.csv, with what it is off as the pictures say. turns: of a block with
         rates.csv, else None.
-    published: of this camera and mode; stated: what the block states, s. advice: photographs that
+    published: of this camera and mode; stated: what the block states, s. at_once: who says that all
+        rows are exposed at once, empty where nobody does. advice: photographs that
         would settle it.
     place (m, 3) m, names: of the images. sigma0: of the adjustment. height: above the ground, m.
         rows: of a picture. notes: sentences of the preparation.
@@ -84,6 +85,7 @@ class FlightReadout:
     reasons: tuple[str, ...]
     published: tuple[PublishedReadout, ...] = ()
     stated: float | None = None
+    at_once: str = ""
     advice: Advice | None = None
     place: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     names: tuple[str, ...] = ()
@@ -117,6 +119,8 @@ class FlightReadout:
 
 def use(found: FlightReadout) -> tuple[float | None, float | None, str]:
     """Which readout to use and its sigma, s, and why; None where none is known."""
+    if found.at_once:
+        return 0.0, 0.0, f"Use 0 ms: all rows are exposed at once ({found.at_once})."
     known = published_value(found)
     told = f"{1000 * found.readout:.1f} +- {1000 * found.sigma:.1f} ms"
     if known is None:

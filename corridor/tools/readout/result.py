@@ -59,7 +59,7 @@ class Readout:
 
     def __post_init__(self):
         if not (math.isfinite(self.readout_ms) and self.readout_ms > 0):
-            raise CannotMeasure("no readout time that makes sense follows from these pictures")
+            raise CannotMeasure("these pictures give no possible readout time")
         if not (math.isfinite(self.sigma_ms) and self.sigma_ms < self.readout_ms):
             raise CannotMeasure("the readout time is less certain than it is long")
 

@@ -87,7 +87,7 @@ def measure_star(
     centre, count, reach = _find(static, sectors)
     if count < _FEWEST_SECTORS:
         raise CannotMeasure(
-            f"the star in {static.name} has {count} sectors, whose edges do not tell from which "
+            f"the star in {static.name} has {count} sectors, whose edges do not show from which "
             f"side it is seen: use one of {_FEWEST_SECTORS} sectors or more"
         )
     lights = static.light(), rotating.light()

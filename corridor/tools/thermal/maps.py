@@ -258,8 +258,8 @@ def _of_temperatures(series) -> list[str]:
     if len(of_reference) and np.ptp(of_reference) >= LEAST_SPAN_C:
         notes.append(
             f"series.csv: pictures of the reference were taken at {of_reference.min():.1f} to "
-            f"{of_reference.max():.1f} C, and their mean shows none of these: mark pictures of one "
-            "temperature with 1"
+            f"{of_reference.max():.1f} C, so their mean belongs to no temperature: mark pictures "
+            "of one temperature with 1"
         )
     return notes
 

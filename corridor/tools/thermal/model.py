@@ -245,7 +245,7 @@ def read_model(path: str | os.PathLike) -> ThermalModel:
         _check(model)
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise InputError(
-            f"{path} is not a thermal model that makes sense ({error}): write it anew with "
+            f"{path} is not a valid thermal model ({error}): write it anew with "
             "`corridor thermal fit`"
         ) from error
     return model

@@ -104,7 +104,8 @@ def read_series(folder: str | os.PathLike) -> Series:
         (
             (warm < _COLDEST_C) | (warm > _HOTTEST_C),
             lambda row: (
-                f"temperature_c = {warm[row]:g} is none that a camera stands: give degrees Celsius"
+                f"temperature_c = {warm[row]:g} is outside what a camera endures: give degrees "
+                "Celsius"
             ),
         ),
         (np.isnan(reference), lambda row: f"reference is empty: {remedy}"),

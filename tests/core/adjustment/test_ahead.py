@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from corridor.core.adjustment.precompiling import compiling_ahead
+from corridor.core.adjustment.precompiling import precompiled_aside
 from corridor.core.engine import compiled
 
 FIRST = """
@@ -22,7 +22,7 @@ if {dies}:
     start = ahead.meanwhile
     ahead.meanwhile = lambda code: start("raise SystemExit(3)")
 block = corridor_block(images=6, strips=2, observations_per_image=20, seed=1)
-with ahead.compiling_ahead():
+with ahead.precompiled_aside():
     begun = compiled._Helper.process is not None
     found = corridor.adjust(block)
     sigma = found.point_sigma.sum()
@@ -55,7 +55,7 @@ def test_a_second_process_compiles_once_and_the_numbers_are_those_of_one_that_di
 
 def test_where_all_is_compiled_no_process_is_started(monkeypatch):
     monkeypatch.setattr("corridor.core.engine.panels.is_kept", lambda kernel: True)
-    with compiling_ahead():
+    with precompiled_aside():
         assert compiled._Helper.process is None
 
 

@@ -38,7 +38,7 @@ class TestPositions:
         sigma = found.problem.block.gnss_sigma()
         low, high = np.sqrt(chi2.ppf([0.001, 0.999], 40) / 40)
         assert low < sigma[0, 0] / SCATTER[0] < high
-        told = next(s for s in found.warnings if s.startswith("GNSS: 3 m in plan and 6 m"))
+        told = next(s for s in found.warnings if s.startswith("GNSS: 3 m horizontally and 6 m"))
         assert f"scatter by {sigma[0, 0]:.2g} and {sigma[0, 2]:.2g} m" in told
 
     def test_metres_that_are_true_stay_as_they_are(self):

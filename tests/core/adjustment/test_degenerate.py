@@ -6,7 +6,7 @@ from strips import corridor_block
 
 import corridor
 from corridor.core.adjustment import left_out
-from corridor.core.preparation import doubts
+from corridor.core.preparation import plausibility_warnings
 
 
 def flown(**options):
@@ -65,9 +65,9 @@ def test_exact_control_is_held_to_all_digits():
 @pytest.mark.parametrize("factor", [0.6, 0.512, 1.5])
 def test_marks_of_resized_pictures_are_told(factor):
     block = flown()
-    assert not [s for s in doubts(block) if "by one factor" in s]
+    assert not [s for s in plausibility_warnings(block) if "by one factor" in s]
     block.marks[["x", "y"]] = (block.marks[["x", "y"]] + 0.5) * factor - 0.5
-    (told,) = [s for s in doubts(block) if "by one factor" in s]
+    (told,) = [s for s in plausibility_warnings(block) if "by one factor" in s]
     assert f"{factor:.2f}" in told
 
 
@@ -82,11 +82,11 @@ def test_marks_of_resized_pictures_are_told(factor):
 )
 def test_marks_of_turned_and_mirrored_pictures_are_told(change, said):
     block = flown()
-    assert not [s for s in doubts(block) if "Marks lie" in s]
+    assert not [s for s in plausibility_warnings(block) if "Marks lie" in s]
     camera = next(iter(block.cameras.values()))
     size = np.array([camera.width, camera.height])
     block.marks[["x", "y"]] = change(block.marks[["x", "y"]].to_numpy(), size)
-    (told,) = [s for s in doubts(block) if "Marks lie" in s]
+    (told,) = [s for s in plausibility_warnings(block) if "Marks lie" in s]
     assert said in told
 
 

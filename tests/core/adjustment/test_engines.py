@@ -25,7 +25,7 @@ from corridor.core.adjustment import (
     Sets,
     make_problem,
 )
-from corridor.core.adjustment.regression import point_gains
+from corridor.core.adjustment.regression import point_regression
 from corridor.core.effects import every_effect
 from corridor.core.engine import interface
 from corridor.core.engine.memory import InPlace
@@ -213,7 +213,7 @@ def passed(block):
     step = 1e-3 * rng.normal(size=(len(system.columns), 3))
     right = design.right(Sets(image, control))
     sets, moved, square = design.back(Sets(image, control), step)
-    gains = point_gains(system, np.arange(0, len(problem.ptr) - 1, 3))
+    gains = point_regression(system, np.arange(0, len(problem.ptr) - 1, 3))
     return right, np.array(sets.image), sets.control, moved, square, gains.own, gains.gain.toarray()
 
 

@@ -145,7 +145,7 @@ class TestWhatAllShare:
         block.lever_arm, block.lever_arm_fixed = {"default": (0.0, 0.0, 0.0)}, True
         block.gnss[["x", "y", "z"]] += np.array(vector, float)
         found = corridor.adjust(block, effects=["control_blunder"])
-        assert any("no blunder of single points but a datum" in s for s in found.warnings)
+        assert any("the datum is wrong, not single points" in s for s in found.warnings)
 
 
 class TestSurveyedTogether:
@@ -242,7 +242,7 @@ class TestErrorsThatLast:
 
 
 def test_false_positions_that_draw_all_others_after_them_are_found_too():
-    """One strip and no control: the roll follows whatever is off, and the best fit is a wrong one."""
+    """One strip, no control: the roll follows whatever is off, and the best fit is wrong."""
     case = Case({}, images=24, strips=1, observations=120, control=0, check=4)
     block = generate(case, 68).block.copy()
     right = corridor.adjust(block).check_rms.d3

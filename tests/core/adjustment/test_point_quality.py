@@ -7,7 +7,7 @@ from strips import corridor_block
 from test_distances import flown
 
 import corridor
-from corridor.core.adjustment import point_gains
+from corridor.core.adjustment import point_regression
 from corridor.core.adjustment.linear_system import motions
 from corridor.core.errors import InputError
 from corridor.core.geometry import helmert_motions
@@ -24,10 +24,10 @@ def adjusted():
 def whole(adjusted):
     """Covariance (3 n, 3 n) of all points together, for unit weight."""
     count = len(adjusted.points)
-    gains = point_gains(adjusted.system, np.arange(count))
-    k = gains.gain.toarray()
+    regression = point_regression(adjusted.system, np.arange(count))
+    k = regression.gain.toarray()
     out = k.T @ adjusted.covariance.solve(k)
-    for n, own in enumerate(gains.own):
+    for n, own in enumerate(regression.own):
         out[3 * n : 3 * n + 3, 3 * n : 3 * n + 3] += own
     return out
 
@@ -68,10 +68,10 @@ def everything(adjusted):
     """Covariance of poses, what images share and points, and G of all of it, dense."""
     p, state = adjusted.problem, adjusted.state
     n, count = p.image_count * p.d + p.shared_count, len(state.points)
-    gains = point_gains(adjusted.system, np.arange(count))
+    regression = point_regression(adjusted.system, np.arange(count))
     c = adjusted.covariance.solve(np.eye(n))
-    k = gains.gain.toarray()
-    own = block_diag(*gains.own)
+    k = regression.gain.toarray()
+    own = block_diag(*regression.own)
     whole = np.block([[c, -c @ k], [-(k.T @ c), k.T @ c @ k + own]])
     middle = state.points.mean(axis=0)
     shared = np.zeros((p.shared_count, 7))

@@ -48,7 +48,7 @@ def test_the_published_readout_is_found_and_set_beside(adjusted):
 
 def test_positions_of_three_metres_are_decimetres_and_late(adjusted):
     """0.3 m across; 1.3 m and more along, because they are 317 +- 51 ms late."""
-    assert any(s.startswith("GNSS: 3 m in plan and 6 m in height") for s in adjusted.warnings)
+    assert any(s.startswith("GNSS: 3 m horizontally and 6 m in height") for s in adjusted.warnings)
     (late,) = (s for s in adjusted.warnings if "behind the images along the flight" in s)
     assert int(late.split("positions are ")[1].split()[0]) == pytest.approx(317, abs=2 * 51)
     assert not adjusted.problem.arms_free and not adjusted.block.lever_arm

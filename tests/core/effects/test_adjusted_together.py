@@ -171,6 +171,7 @@ def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slu
     The step that is left is below what the solver promises (`SHARED_STEP`); sigmas agree to
     rounding of the numeric Jacobian, also where the row of a point depends on what moves it. How
     effects on the image change across the picture is known by steps of a pixel, a thousandth of it.
+    That given heights which lean depend on where the point is, by that slope, is left out.
     That a shift in the camera's frame, here of centimetres at 60 m, turns with the image is left
     out.
     """
@@ -201,4 +202,6 @@ def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slu
             found.point_sigma.ravel() / found.sigma0,
         ]
     )
-    assert np.abs(ours / dense.sigma - 1).max() < (1e-3 if shifted else 1e-5 if sloping else 1e-7)
+    leaning = any(effect.slug == "control_tilt" for effect in chosen)
+    limit = 1e-3 if shifted or leaning else 1e-5 if sloping else 1e-7
+    assert np.abs(ours / dense.sigma - 1).max() < limit

@@ -37,6 +37,12 @@ class TestEarthCurvature:
         assert up[2] == pytest.approx(100 * up[1])
 
 
+def test_a_geoid_that_rises_5_cm_in_a_kilometre_to_the_north():
+    """Above the middle of the images nothing; 500 m to the north of it 2.5 cm."""
+    up = shift("control_tilt", [0.0, 5e-5], (0, 0, 9), (100, 500, 0), (100, -500, 0))
+    assert up == pytest.approx(np.array([[0, 0, 0], [0, 0, 0.025], [0, 0, -0.025]]), abs=1e-12)
+
+
 class TestControl:
     def test_a_blunder_is_given_minus_true_and_of_one_point_only(self):
         block = corridor_block(images=8, strips=2, observations_per_image=30, control=3, check=2)
@@ -103,6 +109,12 @@ class TestGnss:
         block = flown_line((0, 0, 50), (1000, 0, 50))
         moved, _ = find("gnss_scale").shift(context(block), np.full((2, 1), 300e-6))
         assert moved == pytest.approx(np.array([[-0.15, 0, 0], [0.15, 0, 0]]), abs=1e-12)
+
+    def test_a_tenth_of_a_degree_over_a_kilometre_is_87_cm_at_either_end(self):
+        """Towards the north at the eastern end: anticlockwise."""
+        block = flown_line((0, 0, 50), (1000, 0, 50))
+        moved, _ = find("gnss_rotation").shift(context(block), np.full((2, 1), np.radians(0.1)))
+        assert moved == pytest.approx(np.array([[0, -0.873, 0], [0, 0.873, 0]]), abs=1e-3)
 
     def test_a_drift_of_10_cm_in_10_minutes_is_5_cm_on_either_side_of_the_middle(self):
         block = flown_line((0, 0, 50), (1, 0, 50), (2, 0, 50), seconds=[1000, 1300, 1600])

@@ -8,7 +8,7 @@ from turbulent_flight import fly, observed
 from corridor.core.errors import InputError
 from corridor.core.gnss import interpolate
 from corridor.core.gnss.interpolation import segments
-from corridor.core.gnss.interpolation.blunders import singular_epochs, wild_epochs
+from corridor.core.gnss.interpolation.blunders import blunder_epochs, singular_epochs
 
 SXYZ = ["sx", "sy", "sz"]
 
@@ -100,7 +100,7 @@ class TestBySigmaNotByTheGap:
         storm = observed(fly(seed, gust=0.5), seed, interval=0.2)
         coarse = steady(sigma=1.5, seed=seed).drop(columns=SXYZ)
         for track in (storm, coarse):
-            assert wild_epochs(track, segments(track)) == {}
+            assert blunder_epochs(track, segments(track)) == {}
 
     def test_one_epoch_that_stands_out_of_its_noise_alone_is_left_out_and_told(self):
         """Up and down again within 0.4 s: a drone can do it, and none does."""
@@ -143,7 +143,7 @@ class TestBySigmaNotByTheGap:
     def test_a_track_that_jumps_keeps_all_its_epochs(self):
         track = steady()
         track.loc[250:, "x"] += 30.0
-        assert wild_epochs(track, segments(track)) == {}
+        assert blunder_epochs(track, segments(track)) == {}
 
     def test_one_single_epoch_among_fixes_does_no_harm(self):
         track = steady()

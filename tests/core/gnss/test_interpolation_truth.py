@@ -241,3 +241,42 @@ def test_a_camera_delay_of_17_ms_at_7_m_s_is_12_cm():
     for method in ("smoother", "parabola", "linear"):
         early, late = (interpolate(track, at + delay, method).table for delay in (0, 0.017))
         assert (late["x"] - early["x"]).to_numpy() == pytest.approx(0.12, abs=0.002)
+
+
+def shaken(seed, size, highest, rate=1.0, count=180):
+    """A straight flight at 5 m/s whose position has a flat spectrum up to `highest` Hz: epochs,
+    and times and true places between them."""
+    rng = np.random.default_rng([seed, 40])
+    fine = np.arange(0, count / rate, 0.02)
+    spectrum = np.fft.rfft(rng.standard_normal((len(fine), 3)), axis=0)
+    frequency = np.fft.rfftfreq(len(fine), 0.02)
+    spectrum[(frequency > highest) | (frequency < 0.05)] = 0
+    motion = np.fft.irfft(spectrum, len(fine), axis=0)
+    place = size * motion / motion.std(axis=0) + fine[:, None] * [5.0, 0, 0]
+    rows = np.arange(0, len(fine), round(50 / rate))
+    table = pd.DataFrame({"time_s": fine[rows]})
+    table[XYZ] = place[rows] + rng.normal(0, [0.008, 0.008, 0.015], (len(rows), 3))
+    table[SXYZ] = [0.008, 0.008, 0.015]
+    at = rng.uniform(2, fine[rows[-1]] - 2, 100)
+    return table, at, np.stack([np.interp(at, fine, one) for one in place.T], axis=1)
+
+
+@pytest.mark.parametrize(("size", "highest"), [(0.03, 1.5), (0.05, 2.0), (0.04, 1.0)])
+def test_motion_that_one_epoch_a_second_cannot_show_is_in_the_sigma_and_told(size, highest):
+    ratio = []
+    for seed in range(4):
+        table, at, true = shaken(seed, size, highest)
+        made = interpolate(table, at, max_sigma=10.0)
+        ratio.append((made.table[XYZ].to_numpy() - true) / made.table[SXYZ].to_numpy())
+        assert any("shaken faster than 1 epochs" in n or "cannot show" in n for n in made.notes)
+    assert 0.5 <= scatter(np.vstack(ratio)) <= 1.3
+    assert np.abs(np.vstack(ratio)).max() < 5
+
+
+def test_a_flight_that_epochs_show_is_not_called_shaken():
+    for seed in range(4):
+        table, at, true = shaken(seed, 0.10, 0.08)
+        made = interpolate(table, at, max_sigma=10.0)
+        assert not any("shaken" in note for note in made.notes)
+        off = (made.table[XYZ].to_numpy() - true) / made.table[SXYZ].to_numpy()
+        assert 0.4 <= scatter(off) <= 1.4

@@ -2,6 +2,7 @@
 
 import csv
 import struct
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,14 +11,22 @@ from PIL import Image
 import corridor
 from corridor.core.errors import InputError
 from corridor.core.photographs import (
+    Metadata,
     exif,
+    global_shutter,
     maker_note,
     of_picture,
     published_readouts,
     read_metadata,
 )
 from corridor.tools.formats import Project
-from corridor.tools.formats.placing import add_photographs, gyro_rates, readout_of
+from corridor.tools.formats.placing import (
+    _with_readout,
+    add_photographs,
+    at_once,
+    gyro_rates,
+    readout_of,
+)
 
 
 def saved(path, tags=(), inner=(), xmp=""):
@@ -156,6 +165,68 @@ def test_a_cropped_picture_is_not_a_smaller_one(tmp_path):
 def test_the_size_of_a_picture_tells_the_mode(camera, size, milliseconds):
     found = of_picture(published_readouts(camera), size)
     assert {row.readout_ms for row in found} == milliseconds
+
+
+def drone(model, size=(5472, 3648), exposed=0.001, **tags):
+    """A photograph of a drone of DJI's."""
+    return Metadata(
+        Path("a.jpg"), *size, make="DJI", model=model, exposure_s=exposed, tags=dict(tags)
+    )
+
+
+@pytest.mark.parametrize(
+    ("photo", "once"),
+    [
+        (drone("FC6310R"), True),
+        (drone("FC6310"), True),
+        (drone("FC6310", exposed=1 / 2000), True),
+        (drone("FC6310", exposed=1 / 3200), False),
+        (drone("FC6310", exposed=None), True),
+        (drone("FC6360", (1600, 1300), 1 / 10_000), True),
+        (drone("ZenmuseP1", (8192, 5460)), True),
+        (drone("M3E", (5280, 3956)), True),
+        (drone("M3E", (5280, 3956), ShutterType="Electronic"), False),
+        (drone("M3E", (4000, 3000)), False),
+        (drone("a camera of next year", ShutterType="Mechanical"), True),
+        (drone("FC330", (4000, 3000)), False),
+        (drone("FC7203", (4000, 2250)), False),
+    ],
+)
+def test_a_shutter_that_exposes_all_rows_at_once_is_known_by_model_and_exposure(photo, once):
+    assert bool(at_once(photo)) == once
+    readout, source = readout_of(photo, photo.height_px)
+    assert (readout == 0.0) == once
+    if not once and photo.model == "FC6310":
+        assert readout == pytest.approx(0.033, rel=1e-3) and "published" in source
+    if not once and photo.model == "M3E":
+        assert readout is None
+
+
+@pytest.mark.parametrize(
+    ("exposures", "readout", "said"),
+    [
+        ((1 / 800, 1 / 1000), 0.0, "all rows are exposed at once"),
+        ((1 / 4000, 1 / 3200), 0.033, "published for FC6310"),
+        ((1 / 4000, 1 / 1000), None, "21 of 42 photographs were taken with the electronic shutter"),
+    ],
+)
+def test_the_import_asks_every_photograph_of_a_camera_for_its_shutter(exposures, readout, said):
+    block = corridor.read("data_synthetic/dike")
+    photos = {row: drone("FC6310", exposed=exposures[row % 2]) for row in range(len(block.images))}
+    found = _with_readout(Project("made", Path("made"), block), photos)
+    assert any(said in note for note in found.notes)
+    (camera,) = found.block.cameras.values()
+    if readout is None:
+        assert camera.readout_s is None
+    else:
+        assert camera.readout_s == pytest.approx(readout, rel=1e-3)
+
+
+def test_every_global_shutter_is_found_by_its_names_and_no_other():
+    assert global_shutter("DJI FC6310R") is global_shutter("phantom 4 rtk")
+    assert global_shutter("DJI FC6310R").takes(exposure_s=1 / 2000)
+    for name in ("", "DJI", "FC330", "DJI Mavic 3", "M3T", "FC6520"):
+        assert global_shutter(name) is None
 
 
 def test_garfield_was_made_smaller_and_says_its_own_readout(real_data):

@@ -7,7 +7,7 @@ from strips import corridor_block
 from corridor.core.block import read
 from corridor.core.errors import InputError
 from corridor.core.gnss import Local, grid_distortion, local_table, moved, outside_area
-from corridor.core.preparation import doubts
+from corridor.core.preparation import plausibility_warnings
 
 PLACE = Local(49.0, 8.5, 0.0)
 
@@ -30,13 +30,13 @@ def test_an_offset_that_nobody_subtracted_is_refused(grid, away):
 @pytest.mark.parametrize("crs", ["EPSG:2056", "EPSG:31467", "EPSG:27700", "EPSG:2154"])
 def test_numbers_of_another_system_are_noticed(grid, crs):
     grid.crs = crs
-    assert any("area of use" in told for told in doubts(grid))
+    assert any("area of use" in told for told in plausibility_warnings(grid))
 
 
 def test_a_short_block_in_a_grid_is_not_bothered(grid):
     scale, curved = grid_distortion(grid)
     assert abs(scale) < 5e-4 and curved < 5e-3
-    assert not any("Cartesian" in told for told in doubts(grid))
+    assert not any("Cartesian" in told for told in plausibility_warnings(grid))
 
 
 @pytest.mark.parametrize(

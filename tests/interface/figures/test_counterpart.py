@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex
 from test_pictures import assert_legible, written
 
 from corridor import diagnosis
-from corridor.diagnosis.replicates.statistics import Statistic
+from corridor.diagnosis.bootstrap.statistics import Statistic
 from corridor.interface import figures
 from corridor.interface.figures import style
 

@@ -91,7 +91,7 @@ class TestText:
         assert opening.startswith("The adjustment of thin (16 images) converged in 5 iterations.")
         assert "Sigma naught is 0.931" in opening and "7 % smaller" in opening
         rms = made.check_rms
-        assert f"{1e3 * rms.xy:.0f} mm in plan and {1e3 * rms.z:.0f} mm in height" in opening
+        assert f"{1e3 * rms.xy:.0f} mm horizontally and {1e3 * rms.z:.0f} mm in height" in opening
 
     @pytest.mark.parametrize(
         ("sigma0", "said"),

@@ -5,7 +5,7 @@ import pytest
 from made import adjusted, flown, joint
 
 import corridor
-from corridor.core.adjustment import point_gains
+from corridor.core.adjustment import point_regression
 from corridor.core.errors import InputError
 from corridor.tools.change import displacements, point_changes
 from corridor.tools.change.joint import Joint
@@ -15,9 +15,9 @@ def dense(adjustment):
     """Covariance (3n, 3n) of all points from the whole matrix, inverted as such."""
     system = adjustment.stated_system
     inverse = np.linalg.inv(system.matrix.toarray())
-    gains = point_gains(system, np.arange(len(system.points.names)))
-    out = np.asarray(gains.gain.T @ inverse @ gains.gain)
-    for k, own in enumerate(gains.own):
+    regression = point_regression(system, np.arange(len(system.points.names)))
+    out = np.asarray(regression.gain.T @ inverse @ regression.gain)
+    for k, own in enumerate(regression.own):
         out[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] += own
     return adjustment.sigma0**2 * out
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from corridor.core.geometry import Similarity
 from corridor.tools.change import Joint, displacements
 from corridor.tools.change.epoch import Epoch
-from corridor.tools.change.registration import brought
+from corridor.tools.change.registration import registered
 
 TURN = Rotation.from_euler("xyz", [1.0, -1.0, 3.0], degrees=True).as_matrix()
 
@@ -25,7 +25,7 @@ def floating(cloud, scale, turn=TURN):
 def test_a_date_that_floats_comes_back(kind, scale, same_ties, within):
     """To millimetres and centimetres: what the noise of both dates leaves open."""
     pair = joint(adjusted(10), adjusted(11), same_ties)
-    back = brought(pair.before, floating(pair.after, scale), kind, same_ties)
+    back = registered(pair.before, floating(pair.after, scale), kind, same_ties)
     assert np.sqrt(np.mean((back.xyz - pair.after.xyz) ** 2)) < within
 
 

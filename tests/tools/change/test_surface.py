@@ -85,7 +85,7 @@ def test_a_volume_is_laid_together_like_its_surface(pair, cores, kind):
 
     def laid():
         surface = surface_change(pair, cores, sampled=False, datum="stable", kind=kind)
-        return volume(pair, polygon, cores, sampled=False, laying=surface.laying)
+        return volume(pair, polygon, cores, sampled=False, registration=surface.registration)
 
     at_rest, epoch = laid(), pair.after.epoch
     column, size = (2, 0.5) if kind == "translation" else (4, np.radians(0.05))
@@ -113,7 +113,7 @@ def test_what_stands_still_tells_errors_that_nobody_knows(pair, cores):
         stated = surface_change(pair, cores, **options)
     finally:
         epoch.xyz[:, 2] -= wave
-    assert laid.laying.scale > 2.0 and stated.moved.mean() > 0.5 and laid.moved.mean() < 0.05
+    assert laid.registration.scale > 2.0 and stated.moved.mean() > 0.5 and laid.moved.mean() < 0.05
     assert np.median(np.abs(laid.distance / laid.sigma)) == pytest.approx(0.6745, abs=0.01)
 
 

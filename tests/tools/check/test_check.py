@@ -12,7 +12,7 @@ from corridor import cli
 from corridor.core.adjustment import adjust
 from corridor.core.block import read
 from corridor.core.gnss import Local, convert, in_world, local_table, moved
-from corridor.core.preparation import doubts
+from corridor.core.preparation import plausibility_warnings
 from corridor.core.simulation import Flight, Ground, Noise, Plan, simulate
 from corridor.tools import formats as interchange
 from corridor.tools.check import check_project, checking
@@ -236,7 +236,9 @@ def test_twenty_kilometres_in_utm_are_good_in_the_local_frame_and_named_in_the_g
         lower = crooked - grid.ground["z"].to_numpy() - grid.offset[2]
         assert 40 < lower.min() < lower.max() - 0.3
     grid.write(tmp_path / "grid")
-    assert any("not a Cartesian frame" in told and "curves" in told for told in doubts(grid))
+    assert any(
+        "not a Cartesian frame" in told and "curves" in told for told in plausibility_warnings(grid)
+    )
     import_project(tmp_path / "grid", "block", tmp_path / "local", added=Additions(to_crs=crs))
     # A free focal length, or a free lever arm, takes up the scale of the grid.
     local, plain = (

@@ -15,7 +15,7 @@ from corridor.core.geometry import rotation_from_vector
 from corridor.core.simulation import Flight, Ground, Noise, Plan, simulate
 from corridor.tools.check import check_project
 from corridor.tools.formats import export_project, import_project, read_project
-from corridor.tools.formats.project import Pieces, Views, ground_table
+from corridor.tools.formats.project import Contents, Views, ground_table
 
 
 def survey(images=10, marks=True, **more):
@@ -50,7 +50,7 @@ def flat(images, height=1000.0, reach=500.0, points=40, sigma_px=0.3):
         rows += [(f"P{p}", i, *pixel[p]) for p in np.flatnonzero(seen)]
     control = [0, 1, 2, 3, 4]
     at = {f"P{p}" for p in control}
-    return Pieces(
+    return Contents(
         name="flat",
         cameras={"aerial": camera},
         images=[f"{i}.tif" for i in range(images)],

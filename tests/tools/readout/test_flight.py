@@ -10,11 +10,11 @@ import scipy.stats
 import corridor
 from benchmarks.readout_flight import measured, survey
 from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.core.geometry import by_contrasts, honest, jackknife
+from corridor.core.geometry import cluster_robust_sigma, jackknife, sigma_by_test
 from corridor.core.preparation import strips_of, unrounded
 from corridor.interface.cli import main
 from corridor.tools.readout import published_value, readout_from_flight, save_flight, use
-from corridor.tools.readout.flight import judged
+from corridor.tools.readout.flight import _at_once, judged
 from corridor.tools.readout.motion import on_one_clock
 
 DIKE = "data_synthetic/dike"
@@ -43,7 +43,10 @@ class TestOneSigma:
         whole = value @ weight
         left = (whole[:, None] - weight * value) / (1 - weight)
         sigma = 1 / np.sqrt(1 - weight)
-        found = [by_contrasts(*one, sigma) for one in zip(whole, np.ones(4000), left, strict=True)]
+        found = [
+            cluster_robust_sigma(*one, sigma)
+            for one in zip(whole, np.ones(4000), left, strict=True)
+        ]
         variance, free = np.mean([one**2 for one, _ in found]), found[0][1]
         assert variance == pytest.approx(1.0, abs=3 * np.sqrt(2 / free / 4000))
         assert free == pytest.approx(1 / (weight**2).sum() - 1)
@@ -53,13 +56,14 @@ class TestOneSigma:
         """The share of each is 1 / q: both are (q - 1) / q times the sum of squared moves."""
         x = np.array([1.0, 4.0, 2.0, 8.0, 5.0])
         without = [np.delete(x, k).mean() for k in range(5)]
-        found, free = by_contrasts(x.mean(), 1.0, without, np.full(5, np.sqrt(5 / 4)))
+        found, free = cluster_robust_sigma(x.mean(), 1.0, without, np.full(5, np.sqrt(5 / 4)))
         assert found == pytest.approx(jackknife(without)) and free == pytest.approx(4.0)
 
     def test_strips_count_where_they_contradict_the_formal_one(self):
         """Chi-square of 4 degrees of freedom, 95 per cent: 9.488, so 1.54 times the sigma."""
-        assert honest(1.0, np.nan, 0) == honest(1.0, 0.3, 4) == honest(1.0, 1.53, 4) == 1.0
-        assert honest(1.0, 1.55, 4) == 1.55
+        for by_strips, free in ((np.nan, 0), (0.3, 4), (1.53, 4)):
+            assert sigma_by_test(1.0, by_strips, free) == 1.0
+        assert sigma_by_test(1.0, 1.55, 4) == 1.55
 
 
 class TestTheFlightOfADike:
@@ -89,6 +93,16 @@ def changed(found, **changes):
     return judged(replace(found, **changes), in_camera)
 
 
+def test_whether_all_rows_are_exposed_at_once_is_asked_of_block_and_model():
+    camera = corridor.read(DIKE).cameras["camlight"]
+    assert "Phantom 4 RTK" in _at_once(camera, "DJI FC6310R")
+    assert not _at_once(camera, "DJI FC330") and not _at_once(camera, "")
+    assert _at_once(replace(camera, readout_s=0.0), "") == "block.toml"
+    assert not _at_once(replace(camera, readout_s=0.033), "DJI FC6310")
+    by_row = replace(camera, extra={"readout_from": "its electronic shutter took them"})
+    assert not _at_once(by_row, "DJI M3E")
+
+
 class TestRefused:
     def test_a_negative_readout_however_small_its_sigma(self, found):
         """Brighton: -19.1 +- 1.1 ms, which was called supported."""
@@ -114,6 +128,14 @@ class TestRefused:
     def test_what_hangs_on_one_strip(self, found):
         said = changed(found, readout=0.030, sigma=0.009, formal=0.003, jackknife=0.02)
         assert "depends on single strips" in said.reasons[0]
+
+    def test_what_a_global_shutter_cannot_show(self, found):
+        """Its maker says that all rows are exposed at once: no motion of them is a readout."""
+        said = changed(found, readout=0.030, sigma=0.001, eight=0.030, at_once="its maker")
+        assert not said.told and "is no readout time" in said.reasons[0]
+        assert use(said)[:2] == (0.0, 0.0) and "its maker" in use(said)[2]
+        none = changed(found, readout=0.0004, sigma=0.0004, at_once="its maker", published=())
+        assert none.told and "shows no rolling shutter" in str(none) and use(none)[0] == 0.0
 
     def test_too_few_strips(self, found):
         assert "too few" in changed(found, left=found.left[:2]).reasons[0]

@@ -70,8 +70,8 @@ class ControlBlunder(LinearEffect):
             return []
         vector = ", ".join(f"{one:+.2f}" for one in mean)
         return [
-            f"All {len(value)} control points come out wrong by the same vector ({vector} m): that "
-            f"is no blunder of single points but a datum. Either all control is off by it "
+            f"All {len(value)} control points come out wrong by the same vector ({vector} m): the "
+            f"datum is wrong, not single points. Either all control is off by it "
             f"(--effect {_OF_THE_BLOCK.slug}) or all GNSS positions by the opposite; with a "
             "blunder for each point the control does not hold the block at all."
         ]

@@ -39,7 +39,8 @@ def read(folder: Path) -> Exposures:
         if zone != zones[0]:
             raise InputError(
                 f"{file.name}: its clock shows {zone or 'an unnamed zone'}, that of "
-                f"{files[0].name} {zones[0] or 'an unnamed zone'}; read the images apart"
+                f"{files[0].name} {zones[0] or 'an unnamed zone'}; read the images of each camera "
+                "separately"
             )
     day, time = on_one_day([(one.day or "", one.seconds) for one in taken])
     table = pd.DataFrame({"image": pd.Series([f.name for f in files], dtype="str"), "time_s": time})

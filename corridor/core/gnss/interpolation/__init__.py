@@ -9,14 +9,3 @@ from corridor.core.gnss.interpolation.interpolating import (
 )
 from corridor.core.gnss.interpolation.regimes import CORRELATION_S, SLOW_SHARES
 from corridor.core.gnss.interpolation.segmenting import segments
-
-__all__ = [
-    "CORRELATION_S",
-    "MAX_SIGMA_M",
-    "METHODS",
-    "SLOW_SHARES",
-    "Interpolated",
-    "Interpolation",
-    "interpolate",
-    "segments",
-]

@@ -37,7 +37,7 @@ _REACH = 2  # epochs on either side through which the cubic goes
 _OWN_SIGMAS, _LOOK, _NEIGHBOURHOOD, _QUIET, _PASSES = 6.0, 5, 41, 0.3, 8
 
 
-def wild_epochs(track: pd.DataFrame, pieces: pd.DataFrame) -> dict[int, float]:
+def blunder_epochs(track: pd.DataFrame, pieces: pd.DataFrame) -> dict[int, float]:
     """Rows of the track that stand alone, and how far each is off, m.
 
     track: time_s, x, y, z (m), optional sx, sy, sz; pieces: of `segments`.
@@ -146,7 +146,7 @@ class Singular(NamedTuple):
 def singular_epochs(track: pd.DataFrame, pieces: pd.DataFrame) -> list[Singular]:
     """Epochs that leave the curve of their neighbours as no other does; one an axis and piece.
 
-    track, pieces: as of `wild_epochs`. The curve is the cubic through two epochs on either side.
+    track, pieces: as of `blunder_epochs`. The curve is the cubic through two epochs on either side.
     """
     found = []
     for piece in pieces.itertuples():

@@ -9,8 +9,8 @@ import pandas as pd
 from corridor.core.block import RHO
 from corridor.core.brief import brief
 from corridor.core.errors import InputError
-from corridor.core.gnss.interpolation import polynomials, regimes, smoother
-from corridor.core.gnss.interpolation.blunders import singular_epochs, wild_epochs
+from corridor.core.gnss.interpolation import polynomials, regimes, roughness, smoother
+from corridor.core.gnss.interpolation.blunders import blunder_epochs, singular_epochs
 from corridor.core.gnss.interpolation.segmenting import segments
 from corridor.core.options import options
 
@@ -29,8 +29,10 @@ _VELOCITY, _VELOCITY_SIGMA = ["vx", "vy", "vz"], ["svx", "svy", "svz"]
 _GOOD_TO_M = {2: 0.2, 3: 1.0, 4: 0.5, 5: 2.0}
 _TOLD_APART = 1.05
 _NAMES = {2: "float", 3: "SBAS", 4: "differential code", 5: "single"}
-# A scatter that is larger than stated by more than this is told.
-_CONTRADICTS = 1.3
+# A scatter that is larger than stated by more than this is told; sigmas between epochs that are
+# smaller by more than this than second differences of the epochs say hold too little motion: of
+# 120 epochs chance and turns make 1.3, in simulated flights.
+_CONTRADICTS, _STRAYS = 1.3, 1.5
 # Sigma against that of a fix, where a track states quality but no sigma.
 _BY_QUALITY = {1: 1.0, 2: 20.0, 3: 100.0, 4: 50.0, 5: 200.0, 6: 5.0, 7: 1000.0}
 
@@ -124,7 +126,7 @@ def interpolate(
     times = np.asarray(times, dtype=float).reshape(-1)
     pieces = segments(track)
     notes: list[str] = []
-    wild = wild_epochs(track, pieces)
+    wild = blunder_epochs(track, pieces)
     if wild:
         notes.append(_of_wild(track, wild))
         track = track.drop(track.index[list(wild)]).reset_index(drop=True)
@@ -149,7 +151,9 @@ def interpolate(
         dense = _along(epochs.time[part], len(pieces))
         at = np.concatenate([times[chosen], dense])
         if method == "smoother":
-            return dense, *_smoothed(_cut(epochs, part), at, interpolation.slow_share)
+            return dense, *_smoothed(
+                _cut(epochs, part), at, len(at) - len(dense), interpolation.slow_share
+            )
         return dense, _curve(method, epochs, part, at), None, None
 
     with ThreadPoolExecutor(2) as pool:
@@ -176,6 +180,7 @@ def interpolate(
     found = pd.DataFrame(noise, columns=columns)
     notes += _of_noise(found, epochs.stated, interpolation.slow_share)
     notes += _of_scatter(found, pieces) if epochs.stated else []
+    notes += _of_shaken(found, pieces)
     curve = (
         pd.concat(curves, ignore_index=True)
         if curves
@@ -346,12 +351,36 @@ def _along(time: np.ndarray, pieces: int) -> np.ndarray:
     return np.sort(np.concatenate([middle[~wide][::every], within.ravel()]))
 
 
-def _smoothed(epochs, at, slow_share):
+def _shaken(epochs: regimes.Epochs, sigma: np.ndarray, model: regimes.Model) -> np.ndarray:
+    """Standard deviation (3,), m, of motion that the smoother's sigmas (n, 3) of the middles
+    between epochs do not hold, though the epochs show it: they are further apart than it lasts.
+    """
+    out = np.zeros(3)
+    if not len(sigma) or model.interval_s < regimes.SLOW_S:
+        return out
+    for _, axes in regimes.GROUPS:
+        rows = list(axes)
+        noise = model.axes[axes[0]].scale * np.median(epochs.usual[:, rows])
+        wanted = roughness.between(epochs.time, epochs.position[:, rows], float(noise))
+        held = float(np.median(sigma[:, rows]))
+        if wanted > _STRAYS * held:
+            out[rows] = np.sqrt(wanted**2 - held**2)
+    return out
+
+
+def _smoothed(epochs, at, count, slow_share):
     origin = epochs.position[0]
     usual, excess = regimes.split(epochs.sigma, epochs.time)
     epochs = epochs._replace(position=epochs.position - origin, usual=usual, excess=excess)
     model = regimes.fit(epochs, slow_share)
-    position, *others = smoother.smooth(epochs, at, model)
+    position, sigma, velocity, v_sigma = smoother.smooth(epochs, at, model)
+    shaken = np.zeros(3) if epochs.velocity is not None else _shaken(epochs, sigma[count:], model)
+    if shaken.any():
+        model = model._replace(unresolved=np.hypot(model.unresolved, shaken))
+        sigma = np.hypot(sigma, shaken)
+        # White motion up to half the rate has this speed.
+        v_sigma = np.hypot(v_sigma, shaken * np.pi / model.interval_s / np.sqrt(3))
+    others = sigma, velocity, v_sigma
     used = np.median(epochs.sigma, axis=0) * [noise.scale for noise in model.axes]
     return (position + origin, *others), model, used
 
@@ -388,7 +417,7 @@ def _of_scatter(found, pieces):
     for row in found[found["scale"] > _CONTRADICTS].itertuples():
         rate = 1 / pieces["interval_s"].iloc[row.segment]
         text = (
-            f"piece {row.segment + 1}, {row.group}: neighbouring epochs scatter {row.scale:.1f} "
+            f"segment {row.segment + 1}, {row.group}: neighbouring epochs scatter {row.scale:.1f} "
             "times as much as their sigmas say, which is used"
         )
         if row.unresolved_m > 0.5 * row.sigma_m * np.sqrt(1 - row.scale**-2.0):
@@ -399,10 +428,21 @@ def _of_scatter(found, pieces):
         yield text
 
 
+def _of_shaken(found, pieces):
+    """Sentences where the drone strays between epochs by more than a smooth flight would."""
+    for row in found[(found["unresolved_m"] > 0) & (found["scale"] <= _CONTRADICTS)].itertuples():
+        rate = 1 / pieces["interval_s"].iloc[row.segment]
+        yield (
+            f"piece {row.segment + 1}, {row.group}: the drone is shaken faster than {rate:.3g} "
+            f"epochs a second can show; {1000 * row.unresolved_m:.0f} mm of it are in the sigma of "
+            "every position: use a track with more epochs a second"
+        )
+
+
 def _of_noise(found, stated, slow_share):
     notes = []
     for row in found.itertuples():
-        where = f"piece {row.segment + 1}, {row.group}"
+        where = f"segment {row.segment + 1}, {row.group}"
         if not stated:
             notes.append(
                 f"{where}: the track states no standard deviations; its scatter gives "

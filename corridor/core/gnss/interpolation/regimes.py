@@ -37,14 +37,16 @@ _INFLATED, _BELIEVED = 2.0 ** np.arange(0.0, 3.1, 0.5), 2.0
 # that its track shows.
 _SHAKEN_M_S2 = 0.5
 # Epochs further apart than this do not tell a shaken drone from a noisy receiver.
-_SLOW_S = 0.35
+SLOW_S = 0.35
+# Median size of third differences of white noise of unit variance: their variance is 20.
+_THIRD = 0.6745 * np.sqrt(20.0)
 _SCALE = 10.0 ** np.arange(-3.5, 1.1, 0.25)
 _VELOCITY = 10.0 ** np.arange(-2.5, 1.1, 0.25)
 _BLOCK, _BLOCKS = 200, 12
 _CALM_S, _WANDER = 5.0, 1.5
 # A float ambiguity is wrong by nearly the same from epoch to epoch.
 _WORSE = 0.95
-FEWEST = 12
+FEWEST_EPOCHS = 12
 
 
 class Epochs(NamedTuple):
@@ -187,18 +189,23 @@ def fit(epochs: Epochs, share: float | None) -> Model:
 
     share: of the position variance, that is slow; None: its mean over what the likelihood allows,
         all shares being equally likely beforehand. At one epoch a second a shaken drone hides it.
-    A piece of fewer than 12 epochs cannot tell: it gets the noise of a rough flight.
+    A piece of fewer than 12 epochs cannot tell: it gets the noise of a rough flight, and sigmas
+        that are not stated follow from third differences.
     """
     n = len(epochs.time)
-    if n < FEWEST:
+    if n < FEWEST_EPOCHS:
         unknown_velocity = epochs.velocity is not None and epochs.velocity_sigma is None
-        axis = Axis(1.0, share or 0.0, 1.0, 0.1 if unknown_velocity else None)
+        scale = 1.0
+        if not epochs.stated and n > 3:
+            third = np.diff(epochs.position / epochs.sigma, 3, axis=0)
+            scale = max(float(np.median(np.abs(third))) / _THIRD, float(_SCALE[0]))
+        axis = Axis(1.0, share or 0.0, scale, 0.1 if unknown_velocity else None)
         jerks = np.outer(np.full(n, 10.0), _OF_AXIS)
         return Model((axis,) * 3, np.ones((n, 3)), jerks, unresolved=np.zeros(3))
     interval = float(np.median(np.diff(epochs.time)))
     search = _Search(epochs, share)
     found = search.run()
-    if epochs.stated and interval < _SLOW_S and _unlike(found):
+    if epochs.stated and interval < SLOW_S and _unlike(found):
         # A receiver is wrong about all axes alike; at this rate it is the drone that is shaken.
         found = search.run(scaled=False)
     axes = tuple(found[group] for group, (_, of) in enumerate(GROUPS) for _ in of)

@@ -23,7 +23,8 @@ OUT holds report.html (tables and pictures on one page), adjustment.json (every 
 (layers points, check_vectors, cameras, footprints; standard deviations sx, sy, sz in metres) and
 adjustment.las (the points), in the block's CRS with its offset added. It appears when all of it is
 written, or not at all; an earlier result in OUT is replaced. An adjustment that did not converge
-is none: status 1, nothing written, and what lies far from the start values is printed.
+is not a result: the status is 1, nothing is written, and what lies far from the start values is
+printed.
 """
 
 import argparse
@@ -66,11 +67,11 @@ def keywords(options: argparse.Namespace) -> dict:
 
 def run(options: argparse.Namespace) -> None:
     """Adjust, print the report, save what was asked for."""
-    from corridor.core.adjustment import compiling_ahead
+    from corridor.core.adjustment import precompiled_aside
 
     announce_compilation("half a minute", "core")
     # The report asks for covariances, whose kernel is late as well.
-    with compiling_ahead():
+    with precompiled_aside():
         _run(options)
 
 

@@ -71,8 +71,8 @@ def run(options: argparse.Namespace) -> None:
     track = gnss.read_track(options.track)
     if options.crs is not None and track.crs is None and track.origin is None:
         raise InputError(
-            f"{options.track} is in local metres without a place on the earth, and cannot be told "
-            f"in {options.crs}: leave --crs out"
+            f"{options.track} is in local metres without a place on the earth, so it cannot be "
+            f"converted to {options.crs}: leave --crs out"
         )
     exposures = gnss.read_exposures(options.images)
     if options.photos is not None:
@@ -113,7 +113,11 @@ def _doubt(images, found):
     import numpy as np
     import pandas as pd
 
-    from corridor.core.preparation import against, stray, unlike
+    from corridor.core.preparation import (
+        position_difference,
+        position_disagreement,
+        position_outliers,
+    )
 
     path = images / "images.csv" if images.is_dir() else images
     if path.suffix.lower() != ".csv" or not path.is_file():
@@ -125,7 +129,11 @@ def _doubt(images, found):
     known = posed[["x", "y", "z"]].apply(pd.to_numeric, errors="coerce").to_numpy(float)
     given = found.gnss[["x", "y", "z"]].to_numpy(float)
     names = ("the track", np.asarray(given), str(path.name), known)
-    told = against(*names) or unlike(*names) or stray(*names[1:], list(found.gnss["image"]))
+    told = (
+        position_difference(*names)
+        or position_disagreement(*names)
+        or position_outliers(*names[1:], list(found.gnss["image"]))
+    )
     away = np.linalg.norm((names[1] - known)[:, :2], axis=1)
     known = np.isfinite(away)
     return told, float(np.median(away[known])) if told and known.any() else 0.0

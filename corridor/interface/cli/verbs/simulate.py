@@ -20,8 +20,8 @@ examples:
 
 BLOCK is a folder like that of a measured block, with start values that miss the truth. What is
 true is written beside it, to BLOCK.truth.json. The same plan and seed give the same bytes.
-A plan without a table [noise] is flown with ordinary noise; `corridor.simulate` in Python adds
-none that it is not told of.
+A plan without a table [noise] is flown with ordinary noise; in Python, `corridor.simulate` adds
+only the noise that it is given.
 
 Keys of a plan (`corridor.simulation.Plan` and the types beside it say what each means):
   head          name, axis_m, bend_radius_m, gnss, attitudes, source, description

@@ -18,11 +18,11 @@ def run(options: argparse.Namespace) -> None:
     """Print the summary and the effects that want more data; draw the block if asked."""
     import corridor
     from corridor.core import output as report
-    from corridor.core.preparation import derived_table, doubts, prepare
+    from corridor.core.preparation import derived_table, plausibility_warnings, prepare
 
     block = corridor.read(options.block)
     look = corridor.summary(block)
-    look.notes = [*doubts(block), *look.notes]
+    look.notes = [*plausibility_warnings(block), *look.notes]
     print(look)
     table = derived_table(prepare(block).block)
     if table is not None:

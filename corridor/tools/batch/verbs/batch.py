@@ -11,7 +11,7 @@ examples:
 
 OUT holds report.html and batch.csv (a row a block, the most urgent first: verdict, sigma naught,
 RMS of check points in metres, what to do first), batch.json, and for each block blocks/NAME, which
-is what the verb writes. NAME is as much of a block's path as tells it from the others.
+is what the verb writes. NAME is the part of a block's path that distinguishes it from the others.
 
 The same command goes on where it was interrupted. What is done is not done again, unless the
 block, the options or the version have changed; what failed is. A block that fails is a row with its
@@ -96,7 +96,7 @@ def run(options: argparse.Namespace) -> None:
         keywords = _adjust.keywords(options)
     with BlockBar() as progress:
         try:
-            campaign = batch.batch(
+            result = batch.batch(
                 options.verb,
                 options.block,
                 options.output,
@@ -113,12 +113,12 @@ def run(options: argparse.Namespace) -> None:
             raise KeyboardInterrupt(
                 f"the blocks that were done are kept in {options.output}; the same command goes on"
             ) from None
-    print(campaign)
+    print(result)
     wrote(*(options.output / name for name in ("batch.csv", "batch.json", "report.html")))
-    failed = campaign.failed
+    failed = result.failed
     if failed:
         raise WorkFailed(
-            f"{len(failed)} of {len(campaign.rows)} blocks, {failed[0].block} first; "
+            f"{len(failed)} of {len(result.rows)} blocks, {failed[0].block} first; "
             f"{options.output / 'report.html'} says why, and the same command tries them again"
         )
 

@@ -63,7 +63,7 @@ def _opening(subject: Subject) -> str:
         return f"{said} No accuracy on the ground is stated: {none}."
     rms = adjusted.check_rms
     return (
-        f"{said} Check points ({count}) differ by {1e3 * rms.xy:.1f} mm in plan and "
+        f"{said} Check points ({count}) differ by {1e3 * rms.xy:.1f} mm horizontally and "
         f"{1e3 * rms.z:.1f} mm in height (RMS). The contract says whether that is enough."
     )
 

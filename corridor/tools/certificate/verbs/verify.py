@@ -8,8 +8,9 @@ examples:
 
 First the SHA-256 of each input file is compared, then the block is adjusted as the certificate says
 and the certificate is made anew. The status is 0 where it is the same, 1 where it is not (every
-difference is named), 2 where CERTIFICATE is no certificate or BLOCK no block. With other versions
-of the libraries the last digits may differ: then the figures are compared to six digits, and named.
+difference is named), 2 where CERTIFICATE is not a certificate or BLOCK not a block. With other
+versions of the libraries the last digits may differ: then the figures are compared to six digits,
+and named.
 """
 
 import argparse

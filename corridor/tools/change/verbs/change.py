@@ -4,7 +4,7 @@ examples:
   corridor change BEFORE AFTER -o out/moved
       named points, the surface and its level of detection; what effects of the camera explain
   corridor change BEFORE AFTER --datum stable --motion similarity -o out/b
-      laid together on what stands still: free networks, GNSS of metres
+      both dates aligned on what stands still: for free networks, or GNSS of metres
   corridor change BEFORE AFTER --together -o out/c
       both dates in one adjustment, with the points that stand still common to both
   corridor import photos BOTH -o both
@@ -73,7 +73,7 @@ OPTIONS = _model.table(
         choices=("stated", "stable"),
     ),
     "--motion": option(
-        "what laying together may do (default: rigid)",
+        "what registration together may do (default: rigid)",
         choices=("translation", "rigid", "similarity"),
         default="rigid",
     ),

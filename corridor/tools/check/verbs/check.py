@@ -33,7 +33,9 @@ OPTIONS = {
     "project": option("file or folder of a project, photographs, or a block", "PROJECT", Path),
     "--output": option("folder to write", "OUT", required=True),
     "--required": {},
-    "--form": option("format of the project, where it is not told", "FORMAT", default="auto"),
+    "--form": option(
+        "format of the project, where its content does not show it", "FORMAT", default="auto"
+    ),
     "--photos": option("photographs of the project: time, position, temperature"),
     "--track": option("the receiver's track", "FILE", Path),
     "--ground": option("ground points, with their marks if it has them", "FILE", Path),

@@ -36,10 +36,10 @@ from scipy.spatial.transform import Rotation
 from corridor.core.camera import Camera
 from corridor.core.errors import InputError, did_you_mean
 from corridor.core.gnss import in_metres
-from corridor.core.textfile import Line, filled
+from corridor.core.textfile import Line, filled, says_number
 from corridor.tools.formats.cameras import in_the_middle
 from corridor.tools.formats.names import Names
-from corridor.tools.formats.project import Pieces, Project, Views
+from corridor.tools.formats.project import Contents, Project, Views
 
 NAME = "bingo"
 TITLE = "PATB or BINGO text with convention.toml"
@@ -84,7 +84,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     crs = posed.get("crs")
     if crs is not None:
         in_metres(crs)
-    return Pieces(
+    return Contents(
         name=folder.resolve().name,
         cameras=cameras,
         images=names,
@@ -152,7 +152,7 @@ def _poses(path: Path, posed: dict) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for line in filled(path, "#"):
         words = line.text.replace(",", " ").split()
-        if not found and len(words) > 1 and not _is_number(words[1]):
+        if not found and len(words) > 1 and not says_number(words[1]):
             continue  # a header
         if len(words) < count + 1:
             raise line.wrong(f"{len(words)} words where an image and {count} numbers belong")
@@ -169,14 +169,6 @@ def _poses(path: Path, posed: dict) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     if not found:
         raise InputError(f"{path.name} holds no pose; write image, x, y, z and angles a line")
     return found
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def _views(path, measured, names, used, cameras, notes) -> Views | None:

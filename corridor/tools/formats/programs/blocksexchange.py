@@ -20,7 +20,7 @@ from corridor.core.geometry import rotation_from_angles
 from corridor.core.gnss import GEOGRAPHIC, Local, convert, known_crs
 from corridor.core.textfile import Xml, opening
 from corridor.tools.formats.cameras import NoModel, in_the_middle, opencv_camera, where_known
-from corridor.tools.formats.project import Pieces, Project, Views, ground_table
+from corridor.tools.formats.project import Contents, Project, Views, ground_table
 
 NAME = "blocksexchange"
 TITLE = "BlocksExchange XML (iTwin Capture, ContextCapture)"
@@ -107,7 +107,7 @@ class _Block:
         ties, points = self._points(row)
         ground, marks = self._ground(row)
         projected = self._system is not None and self.local is None
-        return Pieces(
+        return Contents(
             name=(self._block.element.findtext("Name") or file.stem).strip() or file.stem,
             cameras=where_known(self.groups, self._camera),
             images=self.names,

@@ -30,7 +30,7 @@ from corridor.tools.formats.columns import (
     text_of,
     write_rows,
 )
-from corridor.tools.formats.project import Pieces, Project, Views
+from corridor.tools.formats.project import Contents, Project, Views
 from corridor.tools.formats.rows import rows_of
 
 NAME = "bundler"
@@ -103,7 +103,7 @@ class BundlerArrays:
         rotation = self.rotation[kept]
         names = pd.Index(np.arange(len(self.places))).astype("str")
         notes.append("the frame and its scale are those of the reconstruction, not metres")
-        return Pieces(
+        return Contents(
             name=file.stem,
             cameras=cameras,
             images=[self.names[k] for k in kept],

@@ -14,7 +14,7 @@ import numpy as np
 from corridor.core.errors import InputError
 from corridor.core.textfile import Json, opening
 from corridor.tools.formats.cameras import NoModel, opencv_camera, shared
-from corridor.tools.formats.project import Pieces, Project
+from corridor.tools.formats.project import Contents, Project
 
 NAME = "nerfstudio"
 TITLE = "nerfstudio transforms.json, without image points"
@@ -51,7 +51,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     notes.append("transforms.json holds no image points: it has poses and cameras only")
     if whole.get("applied_transform") or whole.get("applied_scale"):
         notes.append("the poses are turned and scaled by applied_transform; they have no scale")
-    return Pieces(
+    return Contents(
         name=file.parent.resolve().name,
         cameras=cameras,
         images=names,

@@ -19,7 +19,7 @@ from corridor.core.geometry import rotation_from_quaternion
 from corridor.core.textfile import Following, beginning
 from corridor.tools.formats.cameras import camera_from, from_image_formula, in_the_middle
 from corridor.tools.formats.columns import points_with_views
-from corridor.tools.formats.project import Pieces, Project, Views
+from corridor.tools.formats.project import Contents, Project, Views
 
 NAME = "nvm"
 TITLE = "VisualSFM .nvm"
@@ -103,7 +103,7 @@ def _project(file, names, rows, views, size, notes):
     known = pd.Index(np.arange(len(places))).astype("str")
     # Pixels of the corner count (0.5, 0.5) as the centre of the first one.
     pixels = xy - 0.5 if from_corner else xy + middle
-    return Pieces(
+    return Contents(
         name=file.stem,
         cameras=cameras,
         images=names,

@@ -13,7 +13,7 @@ from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_vector
 from corridor.core.textfile import Json, filled, opening
 from corridor.tools.formats.programs.opensfm import camera_of
-from corridor.tools.formats.project import Pieces, Project
+from corridor.tools.formats.project import Contents, Project
 
 NAME = "odm"
 TITLE = "OpenDroneMap results (shots.geojson, cameras.json), without tie points"
@@ -46,7 +46,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         raise InputError(f"{main.name} holds no shots; export the project again")
     shots = [shot.at("properties") if shot.get("properties") else shot for shot in shots]
     warnings = ["OpenDroneMap's results hold no tie points; name the project's folder opensfm/"]
-    return Pieces(
+    return Contents(
         name=home.resolve().name,
         cameras=cameras,
         images=[shot.text("filename") for shot in shots],

@@ -17,7 +17,7 @@ from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_angles
 from corridor.core.textfile import Line, lines, opening
 from corridor.tools.formats.cameras import camera_from, from_image_formula, shared, turned_note
-from corridor.tools.formats.project import Pieces, Project, Views, ground_table
+from corridor.tools.formats.project import Contents, Project, Views, ground_table
 
 NAME = "photomodeler"
 TITLE = "PhotoModeler text export"
@@ -92,7 +92,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
             "--ground FILE gives those that were surveyed"
         )
     sigma = np.array([values[3:] for _, *values in control]).reshape(-1, 3)
-    return Pieces(
+    return Contents(
         name=file.stem,
         cameras=cameras,
         images=[photo.name for photo in photos],

@@ -21,7 +21,7 @@ from corridor.core.gnss import known_crs
 from corridor.core.textfile import Line, filled, opening
 from corridor.tools.formats.cameras import camera_from, in_the_middle, shared
 from corridor.tools.formats.programs.bingo import image_blocks
-from corridor.tools.formats.project import Pieces, Project, Views, ground_table
+from corridor.tools.formats.project import Contents, Project, Views, ground_table
 
 NAME = "pix4d"
 TITLE = "Pix4D calibrated parameters and BINGO tie points"
@@ -74,7 +74,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     if external.is_file():
         _compare(names, centre + offset, rotation, external, warnings)
     bingo = _find(folder, "tp_bingo.txt", "bingo.txt")
-    return Pieces(
+    return Contents(
         name=folder.resolve().name if folder.name != "params" else folder.resolve().parent.name,
         cameras=cameras,
         images=names,

@@ -16,7 +16,7 @@ import numpy as np
 from corridor.core.errors import InputError
 from corridor.core.textfile import Json, opening
 from corridor.tools.formats.cameras import NoModel, opencv_camera, where_known
-from corridor.tools.formats.project import Pieces, Project, Views
+from corridor.tools.formats.project import Contents, Project, Views
 
 NAME = "sfm-data"
 TITLE = "OpenMVG sfm_data.json, AliceVision (Meshroom) sfm.json"
@@ -85,7 +85,7 @@ class _Spelling:
         row = {number: k for k, (number, *_) in enumerate(views)}
         ties, points = self.points(row)
         self.notes.append("the model is in its own frame and scale unless it was aligned")
-        return Pieces(
+        return Contents(
             name=file.parent.resolve().name,
             cameras=cameras,
             images=names,

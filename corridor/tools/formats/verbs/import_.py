@@ -3,7 +3,7 @@
 examples:
   corridor import auto PROJECT -o BLOCK
       COLMAP, OpenSfM or OpenDroneMap, Metashape, MicMac, Pix4D, Bundler, VisualSfM, BAL or
-      PhotoModeler: told by the content
+      PhotoModeler: recognised by the content
   corridor import colmap sparse/0 -o BLOCK --photos IMAGES
       with times, positions, velocities, temperatures of the photographs; they place a free model
   corridor import metashape cameras.xml -o BLOCK --ground markers.xml --track rover.pos
@@ -67,8 +67,8 @@ OPTIONS = {
         "CRS",
     ),
     "--size": option(
-        "picture size WxH, for formats that have none; photos: make larger pictures smaller, to "
-        "so many PIXELS of the long side, which is quicker",
+        "picture size WxH, for formats that have none; photos: reduce larger pictures to this "
+        "many PIXELS along the long side, which is quicker",
         "SIZE",
         _size,
     ),

@@ -71,7 +71,9 @@ OPTIONS = {
     "--goal": option(
         "accuracies that the advice is about, m (default 0.01,0.03; may be repeated)",
         "M,M",
-        several(number("is none", above=0.0), "are not accuracies in metres: write 0.01,0.03"),
+        several(
+            number("is not an accuracy", above=0.0), "are not accuracies in metres: write 0.01,0.03"
+        ),
         action="extend",
         default=None,
     ),

@@ -19,12 +19,12 @@ examples:
 
 Give photographs of a target as the camera wrote them: not turned, cut or resized. An error of the
 speed goes into the readout time one to one. OUT holds readout.json and readout.png; it appears
-when both are written, or not at all. A flight tells the readout where its images were taken at
+when both are written, or not at all. A flight determines it where its images were taken at
 several speeds in the camera's frame: strips both ways with one heading, cross strips, slow or
 hovering photographs at the ends of strips; or where a gyroscope saw the camera rock. Its sigma is
 the formal one, or what leaving out one strip in turn shows, where that is larger than chance makes
-it; OUT holds report.html too. Where it does not tell, the status is 1, and report.html and
-refused.json say why and which four photographs would tell.
+it; OUT holds report.html too. Where it does not determine the readout time, the status is 1, and
+report.html and refused.json say why, and which four photographs would determine it.
 """
 
 import argparse
@@ -104,7 +104,7 @@ _FLIGHT = {
         "make and model of the camera, for published values (photographs: by EXIF)", "NAME"
     ),
     "--size": option(
-        "photographs: make larger pictures smaller, to so many pixels of the long side",
+        "photographs: reduce larger pictures to this many pixels along the long side",
         "PIXELS",
         whole("number of pixels", 100),
     ),

@@ -31,7 +31,7 @@ from corridor.tools.formats.programs.colmap.cameras import (
 )
 from corridor.tools.formats.programs.colmap.ground import read_ground, write_ground
 from corridor.tools.formats.project import (
-    Pieces,
+    Contents,
     Project,
     Views,
     ground_table,
@@ -209,7 +209,7 @@ class _Model:
         """The project of the model. Raises InputError where the files contradict each other."""
         rotation, translation = self._poses()
         ties = self._ties()
-        pieces = Pieces(
+        pieces = Contents(
             name=self.folder.resolve().name,
             cameras=where_known(map(str, self.used), self._camera),
             images=self.names,

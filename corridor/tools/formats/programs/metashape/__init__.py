@@ -36,7 +36,7 @@ from corridor.tools.formats.cameras import (
 from corridor.tools.formats.programs.metashape.archive import Archive, read_ply
 from corridor.tools.formats.programs.metashape.writing import write as write
 from corridor.tools.formats.project import (
-    Pieces,
+    Contents,
     Project,
     Views,
     ground_table,
@@ -198,8 +198,8 @@ def _names_of(element: Xml, parts: list[Xml], notes: list[str]) -> dict[str, str
         seen[label] += 1
         made[number] = label if seen[label] == 1 else f"{seen[label]}/{label}"
     notes.append(
-        f"{twice} labels belong to several cameras, and neither groups nor folders tell them "
-        "apart: the second is called 2/LABEL; put the cameras of each flight into a group to give "
+        f"{twice} labels belong to several cameras, and neither groups nor folders distinguish "
+        "them: the second is called 2/LABEL; put the cameras of each flight into a group to give "
         "them its name"
     )
     return made
@@ -454,7 +454,7 @@ def _project(chunk, cloud, path, notes, warnings):
         notes.append(f"world: east, north, up about {lat:g}, {lon:g} degrees, height {height:g} m")
     placed = world.scaled or (not known.any() and np.isfinite(measured.place).any())
     ties, points = (None, None) if cloud is None else _ties(*cloud, labels, world, chunk.transform)
-    made = Pieces(
+    made = Contents(
         name=path.stem,
         cameras=cameras,
         images=labels,

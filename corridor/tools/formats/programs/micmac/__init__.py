@@ -35,7 +35,7 @@ from corridor.tools.formats.columns import NumberLines, plain_numbers
 from corridor.tools.formats.programs.micmac.writing import M2C, RADIAL
 from corridor.tools.formats.programs.micmac.writing import write as write
 from corridor.tools.formats.project import (
-    Pieces,
+    Contents,
     Project,
     Views,
     ground_table,
@@ -109,7 +109,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     cameras = where_known(files, lambda name: _calibration(files[name], notes))
     used = [shot.calibration.stem for shot in shots]
     ground, marks = _ground_and_marks(home, images, notes, warnings)
-    project = Pieces(
+    project = Contents(
         name=home.resolve().name,
         cameras=cameras,
         images=images,

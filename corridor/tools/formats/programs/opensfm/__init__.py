@@ -25,7 +25,7 @@ from corridor.tools.formats.cameras import Held, NoModel, in_the_middle, opencv_
 from corridor.tools.formats.ground import Ground, add_to
 from corridor.tools.formats.programs.opensfm.writing import HEADER, MAIN, WIDTH
 from corridor.tools.formats.programs.opensfm.writing import write as write
-from corridor.tools.formats.project import Pieces, Project, Views, ground_table
+from corridor.tools.formats.project import Contents, Project, Views, ground_table
 
 NAME = "opensfm"
 TITLE = "OpenSfM, or OpenDroneMap's opensfm folder"
@@ -70,7 +70,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     local = _reference(whole, folder)
     if local is None:
         notes.append("no reference_lla: the frame and its scale have no place in the world")
-    project = Pieces(
+    project = Contents(
         name=folder.resolve().name,
         cameras=cameras,
         images=list(shots),

@@ -8,16 +8,16 @@ from functools import cached_property
 import numpy as np
 
 from corridor.core.geometry import CLIPPED, robust_scale, robust_scale_of_lengths
-from corridor.diagnosis.replicates.signatures import Signatures
-from corridor.diagnosis.replicates.statistics.antenna import gnss_forms
-from corridor.diagnosis.replicates.statistics.statistic import (
+from corridor.diagnosis.bootstrap.signatures import Signatures
+from corridor.diagnosis.bootstrap.statistics.antenna import gnss_forms
+from corridor.diagnosis.bootstrap.statistics.statistic import (
     Curve,
     Fit,
     Form,
     corridor_frame,
     named,
 )
-from corridor.diagnosis.replicates.statistics.ties import (
+from corridor.diagnosis.bootstrap.statistics.ties import (
     MANY_POINTS,
     PLACES,
     TieFrame,
@@ -42,12 +42,9 @@ class SummaryStatistics:
         self.statistics = [form.statistic for form in self._forms]
 
     def __call__(self, fits: Sequence[Fit]) -> np.ndarray:
-        scores = self._found.scores(fits)
-        return np.array([self._of(fit, score) for fit, score in zip(fits, scores, strict=True)])
-
-    def _of(self, fit: Fit, score: np.ndarray) -> np.ndarray:
-        residuals = Residuals(fit, self._limits, score)
-        return np.concatenate([form.of(residuals) for form in self._forms])
+        found = self._signatures.strengths(fits)
+        each = (Residuals(fit, self._limits, one) for fit, one in zip(fits, found, strict=True))
+        return np.array([np.concatenate([form.of(r) for form in self._forms]) for r in each])
 
     @property
     def lengths(self) -> list[int]:
@@ -67,18 +64,10 @@ class SummaryStatistics:
             yield from ground_forms(system, "control", system.control_rows, lambda r: r.fit.control)
         if len(replicator.check_rows):
             yield from ground_forms(system, "check", replicator.check_rows, lambda r: r.fit.check)
-        yield from self._signatures(replicator)
-
-    def _signatures(self, replicator) -> Iterator[Form]:
-        found, unit = Signatures(replicator, self._limits.image), "stated deviations"
-        self._found, self.unseen = found, found.absorbed
-        for name, effects, of in (
-            ("signatures of the physical effects", found.names, found.strengths),
-            ("signatures in single images", found.single, found.in_single_images),
-        ):
-            yield Form(
-                named(name, "signature", unit, "effect", effects), lambda r, of=of: of(r.score)
-            )
+        self._signatures = found = Signatures(replicator, self._limits.image)
+        self.unseen, name = found.absorbed, "signatures of the physical effects"
+        statistic = named(name, "signature", "stated deviations", "effect", found.names)
+        yield Form(statistic, lambda r: r.strengths)
 
 
 class Limits:
@@ -109,12 +98,12 @@ class Limits:
 class Residuals:
     """Residuals of a fit, none beyond its limit.
 
-    ties (u, 2), held (h, 2), marks (m, 2) px; gnss (k, 3) m. frame: see `TieFrame`. score: by the
-    columns of the signatures.
+    ties (u, 2), held (h, 2), marks (m, 2) px; gnss (k, 3) m. frame: see `TieFrame`.
+    strengths: of the signatures.
     """
 
-    def __init__(self, fit: Fit, limits: Limits, score: np.ndarray):
-        self.fit, self._limits, self.frame, self.score = fit, limits, limits.frame, score
+    def __init__(self, fit: Fit, limits: Limits, strengths: np.ndarray):
+        self.fit, self._limits, self.frame, self.strengths = fit, limits, limits.frame, strengths
         if self.frame is not None:
             self.ties = self._cut(fit.pixels, self.frame.used)
             self.held = self._cut(fit.pixels, self.frame.held)

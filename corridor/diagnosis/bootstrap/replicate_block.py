@@ -14,7 +14,7 @@ from corridor.core.engine.threads import one_thread
 from corridor.core.errors import InputError
 from corridor.core.geometry import quaternion_from_rotation
 from corridor.core.simulation import Simulated
-from corridor.diagnosis.replicates.replicator import Replicator
+from corridor.diagnosis.bootstrap.replicator import Replicator
 
 if TYPE_CHECKING:
     from corridor.core.adjustment import Adjustment

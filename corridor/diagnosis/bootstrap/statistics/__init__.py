@@ -9,7 +9,7 @@ really flew, unless something else saw it fly: their second differences are ther
 with those of the antenna.
 """
 
-from corridor.diagnosis.replicates.statistics.statistic import Fit, Statistic
-from corridor.diagnosis.replicates.statistics.summary import SummaryStatistics
+from corridor.diagnosis.bootstrap.statistics.statistic import Fit, Statistic
+from corridor.diagnosis.bootstrap.statistics.summary import SummaryStatistics
 
 __all__ = ["Fit", "Statistic", "SummaryStatistics"]

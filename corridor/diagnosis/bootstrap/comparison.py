@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.brief import brief
-from corridor.diagnosis.replicates.counterparts import Counterparts
-from corridor.diagnosis.replicates.statistics import Statistic
+from corridor.diagnosis.bootstrap.counterparts import Counterparts
+from corridor.diagnosis.bootstrap.statistics import Statistic
 
 LEVEL = 0.95
 # Spread below which all counterparts are one: rounding.

@@ -25,10 +25,10 @@ from corridor.core.geometry import (
     robust_scale,
     robust_scale_of_lengths,
 )
+from corridor.diagnosis.bootstrap.linear_fits import LinearFits, Measured
+from corridor.diagnosis.bootstrap.statistics import Fit
 from corridor.diagnosis.noise.gnss import GnssNoise, stated_noise
 from corridor.diagnosis.noise.likelihood import Arguments, estimate, value_of
-from corridor.diagnosis.replicates.linear_fits import LinearFits, Measured
-from corridor.diagnosis.replicates.statistics import Fit
 from corridor.diagnosis.system.elimination import Elimination, Rows, rows_of
 from corridor.diagnosis.system.equations import Columns, Equations, take_apart
 from corridor.diagnosis.system.groups import Group
@@ -42,21 +42,21 @@ GRID = np.concatenate([np.linspace(0.0, 0.98, 99), 1 - np.geomspace(0.018, 1e-6,
 # Epochs from which on slow noise can be told from white.
 ENOUGH_EPOCHS = 12
 # Gain in log likelihood from which on slow noise is believed: a chance of one in seven.
-CLEARLY = 2.0
+LEAST_GAIN = 2.0
 # Prior standard deviation, m, m/s, s of what is left free.
 FREE = 1e4
 # Weight, in degrees of freedom, of a stated standard deviation where few residuals tell.
-TRUST = 20.0
+STATED_FREEDOM = 20.0
 # Share of the tie observations that no fit uses.
 HELD_OUT = 0.05
 # The last tenth of a per mille of a step changes no statistic.
 TOLERANCE = 1e-3
 # With more than this share of unusable residuals there are wrong matches.
-WRONG = 0.002
+GROSS_SHARE = 0.002
 # Tie observations from which on one trial says enough on the noise.
-MANY = 20_000
+TIES_OF_A_TRIAL = 20_000
 TRIALS = 3
-PULL = 2.5
+WINSORIZED = 2.5
 
 
 @dataclass(frozen=True)
@@ -77,10 +77,6 @@ class EstimatedNoise:
         """Robust standard deviation of a tie coordinate in stated ones: from the median length."""
         return robust_scale_of_lengths(np.interp(0.5, GRID, self.tie))
 
-    def changed(self, **values) -> EstimatedNoise:
-        """The same noise but for these."""
-        return replace(self, **values)
-
     def draw_tie(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Errors (count, 2) in stated standard deviations, in any direction."""
         length = np.interp(rng.random(count), GRID, self.tie)
@@ -88,32 +84,6 @@ class EstimatedNoise:
         error = np.column_stack([np.cos(angle), np.sin(angle)])
         error *= length[:, None]
         return error
-
-
-@dataclass(frozen=True)
-class Series:
-    """The antenna positions of one flight in the order of time: rows and times, s or epochs."""
-
-    flight: int
-    rows: np.ndarray
-    time: np.ndarray
-
-
-def series_of(system: LinearSystem) -> list[Series]:
-    """Antenna positions by flight, in the order of time (of images.csv where there is none)."""
-    image, images = system.gnss.image, system.images
-    out = []
-    for flight in np.unique(images.flight[image]):
-        rows = np.flatnonzero(images.flight[image] == flight)
-        time = images.time[image[rows]]
-        if np.isnan(time).any():
-            rows = rows[np.argsort(system.image_order[image[rows]])]
-            time = np.arange(len(rows), dtype=float)
-        else:
-            sort = np.argsort(time, kind="stable")
-            rows, time = rows[sort], time[sort]
-        out.append(Series(int(flight), rows, time))
-    return out
 
 
 def lengths(residual: np.ndarray) -> np.ndarray:
@@ -128,7 +98,7 @@ def mended(noise: EstimatedNoise, found: np.ndarray, left: np.ndarray) -> Estima
     tail = GRID > 0.98
     smooth = np.convolve(np.pad(ratio, 3, mode="edge"), np.full(7, 1 / 7), mode="valid")
     ratio = np.where(tail, smooth, ratio)
-    return noise.changed(tie=np.maximum.accumulate(noise.tie * ratio))
+    return replace(noise, tie=np.maximum.accumulate(noise.tie * ratio))
 
 
 def antenna_noise(system: LinearSystem, tie_sigma: float) -> GnssNoise | None:
@@ -196,7 +166,7 @@ def _white_or_slow(e: Equations, shapes: Rows, noise: GnssNoise, sizes: np.ndarr
         x[count + n] = arguments.low[count + n]
         alone = value_of(Elimination(e, arguments.noise_at(x), shapes), arguments, x)
         # Slow noise that is not there would make the bands wide where drifts would show.
-        if few[n] or alone - best.value < 2 * CLEARLY:
+        if few[n] or alone - best.value < 2 * LEAST_GAIN:
             arguments.high[count + n] = arguments.low[count + n]
     best = estimate(e, shapes, arguments, best.x)
     white = best.x[slow] <= arguments.low[slow]
@@ -207,7 +177,7 @@ def _white_or_slow(e: Equations, shapes: Rows, noise: GnssNoise, sizes: np.ndarr
         if few[n]:
             # Too few to estimate anything from alone: what is stated counts too.
             told = len(at) * factors[f, axis] ** 2
-            factors[f, axis] = np.sqrt((TRUST + told) / (TRUST + len(at)))
+            factors[f, axis] = np.sqrt((STATED_FREEDOM + told) / (STATED_FREEDOM + len(at)))
     return replace(best.noise, white=factors, coloured=coloured)
 
 
@@ -261,7 +231,6 @@ class Replicator:
             system.posed.given,
         )
         self.check_sigma = system.block.ground_sigma()[self.check_rows]
-        self.series: list[Series] = series_of(system)
         system = system.measuring(sigma=np.where(self.held_out, np.inf, self.sigma))
         self.system = replace(system, loss=_loss(adjustment)).minimised(20, TOLERANCE, near=False)
         left, state = self.system.residuals(), self.system.state
@@ -291,19 +260,19 @@ class Replicator:
         noise = EstimatedNoise(np.sqrt(-2 * np.log1p(-np.minimum(GRID, 1 - 1e-9))))
         if ties.any():
             found = lengths(scaled[ties])
-            noise = noise.changed(tie=1.2 * found)
+            noise = replace(noise, tie=1.2 * found)
         if len(self.fit.gnss):
             usual = noise.tie_sigma if ties.any() else 1.0
-            noise = noise.changed(gnss=antenna_noise(self.system, usual))
+            noise = replace(noise, gnss=antenna_noise(self.system, usual))
         control_sigma = self.system.control.sigma
         pulls = [
             _sum_of_squares(scaled[marks]),
             _sum_of_squares(self.fit.control / control_sigma) if len(control_sigma) else 0.0,
         ]
-        trials = int(np.clip(MANY // max(int(ties.sum()), 1), 1, 6))
+        trials = int(np.clip(TIES_OF_A_TRIAL // max(int(ties.sum()), 1), 1, 6))
         for trial in range(TRIALS):
             left, squares = [], []
-            plain = noise.changed(control=1.0)
+            plain = replace(noise, control=1.0)
             drawn = (self.draw(np.random.default_rng([17, trial, k]), plain) for k in range(trials))
             for fit in self.fits(drawn):
                 again = fit.pixels / self.sigma[:, None]
@@ -318,10 +287,10 @@ class Replicator:
                 noise = mended(noise, found, lengths(np.concatenate(left)))
             mark, control = np.mean(squares, axis=0)
             if mark > 0:
-                noise = noise.changed(mark=noise.mark * float(np.sqrt(pulls[0] / mark)))
+                noise = replace(noise, mark=noise.mark * float(np.sqrt(pulls[0] / mark)))
             # Few points say little on their sigma: what is stated counts too.
-            factor = (TRUST + pulls[1]) / (TRUST + control)
-            noise = noise.changed(control=float(np.sqrt(factor)))
+            factor = (STATED_FREEDOM + pulls[1]) / (STATED_FREEDOM + control)
+            noise = replace(noise, control=float(np.sqrt(factor)))
         return noise
 
     # --- drawing -----------------------------------------------------------------------------
@@ -385,7 +354,7 @@ def _loss(adjustment: Adjustment) -> Loss:
         return loss
     length = (np.hypot(*system.residuals().pixels.T) / rows.sigma)[rows.tie]
     usual = robust_scale_of_lengths(length, least=1e-9)
-    if np.mean(is_outlier(length, usual, UNUSABLE)) < WRONG:
+    if np.mean(is_outlier(length, usual, UNUSABLE)) < GROSS_SHARE:
         return loss
     return Loss(LOSSES["huber"], 2 * usual)
 
@@ -396,7 +365,8 @@ def _held_out(rows: ImageRows) -> np.ndarray:
     ties = np.flatnonzero(rows.tie)
     if len(ties):
         rng = np.random.default_rng(11)
-        out[ties[spared(rows.point[ties], HELD_OUT, rng)]] = True
+        among = rng.random(len(ties)) < HELD_OUT
+        out[ties[spared(rows.point[ties], rng, among)]] = True
     return out
 
 
@@ -436,5 +406,5 @@ def _ground_moved(
 
 
 def _sum_of_squares(pulls: np.ndarray) -> float:
-    """Of residuals in standard deviations, none counting more than PULL of them."""
-    return float(np.sum(np.clip(pulls, -PULL, PULL) ** 2))
+    """Of residuals in standard deviations, none counting more than WINSORIZED of them."""
+    return float(np.sum(np.clip(pulls, -WINSORIZED, WINSORIZED) ** 2))

@@ -1,4 +1,4 @@
-"""A campaign as a table, a text and a page: the block that needs somebody first stands first."""
+"""The result of a batch as a table, a text and a page, the most urgent block first."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _COLUMNS = [
 
 
 @dataclass(frozen=True)
-class Campaign:
+class BatchResult:
     """Many blocks with one question. rows: the most urgent first. output: where it is kept.
 
     verb: `adjust` or `diagnose`. required: 3D RMS of check points that is good enough, m.
@@ -68,13 +68,13 @@ class Campaign:
 
     @property
     def table(self) -> pd.DataFrame:
-        """A row a block: RMS in metres; report: its page, from the campaign's folder."""
+        """A row a block: RMS in metres; report: its page, from the folder of the batch."""
         frame = pd.DataFrame([row.to_json() for row in self.rows])[_COLUMNS]
         return frame.assign(report=[_address(row) for row in self.rows])
 
     def __repr__(self) -> str:
         failed = f", {len(self.failed)} failed" if self.failed else ""
-        return f"Campaign: {self.verb} {len(self.rows)} blocks{failed}, in {self.output}"
+        return f"BatchResult: {self.verb} {len(self.rows)} blocks{failed}, in {self.output}"
 
     def __str__(self) -> str:
         return str(self.report(_MOST_LINES))
@@ -107,26 +107,26 @@ class Campaign:
 
 
 def _address(row: Row) -> str:
-    """Where the page of a block lies, from the campaign's folder; empty without a result."""
+    """Where the page of a block lies, from the folder of the batch; empty without a result."""
     return "" if row.failed or row.verdict == NOT_RUN else f"blocks/{row.block}/{PAGE}"
 
 
-def _counts(campaign: Campaign) -> str:
+def _counts(result: BatchResult) -> str:
     """How many blocks have which verdict."""
-    found = Counter(row.verdict for row in campaign.rows)
+    found = Counter(row.verdict for row in result.rows)
     parts = [f"{found[verdict]:,} {verdict}" for verdict in URGENCY if found[verdict]]
-    missed = sum(row.missed for row in campaign.rows)
-    if missed and campaign.verb == "diagnose":
+    missed = sum(row.missed for row in result.rows)
+    if missed and result.verb == "diagnose":
         parts.append(f"{missed:,} not good enough with what was found")
-    wanted = campaign.required
+    wanted = result.required
     asked = f" ({millimetres(wanted)} are required)" if wanted is not None else ""
-    blocks = counted(len(campaign.rows), "block")
-    return f"{blocks} {_DONE[campaign.verb]}{asked}: {', '.join(parts)}."
+    blocks = counted(len(result.rows), "block")
+    return f"{blocks} {_DONE[result.verb]}{asked}: {', '.join(parts)}."
 
 
-def _accuracy(campaign: Campaign) -> str:
+def _accuracy(result: BatchResult) -> str:
     """How far off check points are, in the usual block and in the worst."""
-    rows = [row for row in campaign.rows if math.isfinite(row.check_rms_3d_m)]
+    rows = [row for row in result.rows if math.isfinite(row.check_rms_3d_m)]
     if not rows:
         return ""
     worst = max(rows, key=lambda row: row.check_rms_3d_m)
@@ -154,7 +154,7 @@ def _table(rows: tuple[Row, ...], wide: bool, left_out: int = 0) -> Table:
         lines.append((label, row.verdict, *found, *todo, *numbers))
     header = ["block", "verdict", *(["found"] if effects else []), *(["to do first"] * wide)]
     header += ["sigma naught", "RMS xy (mm)", "z (mm)", "3D (mm)"]
-    notes = ["RMS: of the check points, about zero, in plan, in height and in space"]
+    notes = ["RMS: of the check points, about zero, horizontally, in height and in space"]
     seen = {row.verdict for row in rows}
     notes += [f"{verdict}: {said}" for verdict, said in _MEANING.items() if verdict in seen]
     if left_out:

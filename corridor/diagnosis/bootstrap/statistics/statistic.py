@@ -117,9 +117,6 @@ class Curve:
         code = np.nan_to_num(sector[image]).astype(int)
         return cls.of(code, sector[image], weight, least, COMPASS)
 
-    def _sum(self, values):
-        return np.bincount(self.code, values[self.rows], len(self.at))
-
     def mean(self, values):
         """Weighted mean of each bin."""
         mine = self.weight * values[self.rows]
@@ -131,7 +128,10 @@ class Curve:
 
     def ratio(self, numerator, denominator):
         """Sum over sum of each bin."""
-        return self._sum(numerator) / np.maximum(self._sum(denominator), 1e-12)
+        sums = [
+            np.bincount(self.code, v[self.rows], len(self.at)) for v in (numerator, denominator)
+        ]
+        return sums[0] / np.maximum(sums[1], 1e-12)
 
     def statistic(self, name, kind, unit, axis) -> Statistic:
         """What the values of this curve are."""
@@ -141,11 +141,9 @@ class Curve:
 class Grid(Curve):
     """Cells of a map. share: (n, 2) in 0..1; size: what 1 means; shape: columns, rows."""
 
-    def __init__(self, share, shape, weight, size, known=None, least=FEWEST, origin=(0.0, 0.0)):
+    def __init__(self, share, shape, weight, size, least=FEWEST, origin=(0.0, 0.0)):
         cell = np.clip((share * shape).astype(int), 0, np.array(shape) - 1)
         code = cell[:, 1] * shape[0] + cell[:, 0]
-        if known is not None:
-            code = np.where(known, code, -1)
         number, full, _ = _kept(code, least)
         middle = np.column_stack([full % shape[0] + 0.5, full // shape[0] + 0.5]) / shape
         super().__init__(number, middle * size + np.asarray(origin), weight)
@@ -163,27 +161,6 @@ class Grid(Curve):
     def statistic(self, name, kind, unit, axis) -> Statistic:
         """What the values of this map are."""
         return Statistic(name, kind, unit, axis, self.at, (), self.shape, self.cells)
-
-
-class Slopes(Grid):
-    """Cells of a map in which values are regressed: their mean is the slope in each."""
-
-    @classmethod
-    def of(cls, share, shape, weight, size, values):
-        """Slopes by standard deviation of values (n,); None where they hardly differ."""
-        known = np.isfinite(values)
-        spread = float(np.std(values[known])) if known.any() else 0.0
-        middle = float(np.mean(values[known])) if known.any() else 0.0
-        if spread <= 1e-3 * max(abs(middle), 1e-9):
-            return None
-        regressor = np.where(known, (values - middle) / spread, 0.0)
-        out = cls(share, shape, weight * regressor**2, size, known)
-        out.weighted = weight * regressor
-        return out
-
-    def mean(self, values):
-        """Weighted least-squares slope (cells,)."""
-        return self._sum(self.weighted * values) / self.total
 
 
 def _kept(code, least):

@@ -14,7 +14,7 @@ from corridor.core.gnss import grid_distortion, known_crs, local_of, outside_are
 _SEEN = 1.0
 
 
-def earth_doubts(block: Block) -> Iterator[str]:
+def earth_warnings(block: Block) -> Iterator[str]:
     """Sentences on the system of a block's coordinates, the gravest first."""
     if not block.crs or block.crs.startswith("local"):
         return

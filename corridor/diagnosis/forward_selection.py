@@ -17,12 +17,12 @@ from corridor.core.block import Block
 from corridor.core.brief import brief
 from corridor.core.effects import Candidates, Effect, candidates, every_effect
 from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.diagnosis.evidence.beside_noise import NoiseModel, beyond_noise, through_noise
 from corridor.diagnosis.evidence.blunders import Blunders, blunders, price, stands
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.lens import Lens, lens_group, lens_of, names_of_lens
 from corridor.diagnosis.evidence.nothing import probability_of_nothing
 from corridor.diagnosis.evidence.plausibility import impossible, nameless, plausible
+from corridor.diagnosis.evidence.profile_likelihood import NoiseModel, beyond_noise, through_noise
 from corridor.diagnosis.evidence.scores import Influence, as_spread, drawn, inflation_of_scores
 from corridor.diagnosis.evidence.search import Found, search, thresholds
 from corridor.diagnosis.noise.gnss import GnssNoise
@@ -258,7 +258,7 @@ def _from_their_start(
             gain = (one.adjustment.cost - fit.cost) / fit.sigma0**2
             # Of two that fit alike the one with fewer unknowns is better, by however little.
             simpler = len(fit.system.columns) < len(one.adjustment.system.columns)
-            if gain > (0.0 if simpler else SETTINGS.check_odds):
+            if gain > (0.0 if simpler else 2.0 * SETTINGS.look_alike_log_odds):
                 return keys, fit
     return None
 
@@ -332,7 +332,7 @@ class _Asked:
             evidence = self._evidence(noise, lens)
             found, wrong = self._found(evidence, plain, suspected)
             log["through_noise"] = [plain.groups[n].key for n in more]
-        found = plausible(evidence, found, model, suspected)
+        found = plausible(evidence, found, suspected)
         idle = [n for n in found.chosen if not self._matters(evidence, found, n)]
         found = found.without(idle)
         log["idle"] = [evidence.groups[n].key for n in idle]
@@ -385,7 +385,7 @@ class _Asked:
         values = evidence.of_each_image(found.chosen, n)
         moved = Influence(evidence.reduced.elimination).ground_moved_by_images(group, values)
         sigmas = np.abs(moved / self.adjustment.point_sigma)
-        return bool(np.nanmedian(sigmas, axis=0).max() > SETTINGS.cost_sigmas)
+        return bool(np.nanmedian(sigmas, axis=0).max() > SETTINGS.implausible_sigma)
 
     @property
     def _moving(self) -> bool:

@@ -22,8 +22,8 @@ from corridor.core.engine.scene import PANEL
 from corridor.core.engine.threads import one_thread
 from corridor.core.errors import InputError
 from corridor.core.output import Progress, telling
-from corridor.diagnosis.replicates.replicator import EstimatedNoise, Replicator
-from corridor.diagnosis.replicates.statistics import Statistic, SummaryStatistics
+from corridor.diagnosis.bootstrap.replicator import EstimatedNoise, Replicator
+from corridor.diagnosis.bootstrap.statistics import Statistic, SummaryStatistics
 
 if TYPE_CHECKING:
     from corridor.core.adjustment import Adjustment

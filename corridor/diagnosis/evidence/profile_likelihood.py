@@ -1,4 +1,4 @@
-"""Noise of the GNSS and what is missing from the model, judged together.
+"""Profile likelihood: noise of the GNSS is estimated anew with each model, and judged with it.
 
 What is missing from a model inflates the noise that one finds, and then hides in it: what the
 antenna feels is judged beside noise that may do the same.
@@ -12,7 +12,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from corridor.core.adjustment import LinearSystem
-from corridor.diagnosis.evidence.evidence import Evidence, Size, effect_sizes
+from corridor.diagnosis.evidence.evidence import Evidence, Size, near_the_best
 from corridor.diagnosis.evidence.search import Found
 from corridor.diagnosis.noise.gnss import GnssNoise, stated_noise
 from corridor.diagnosis.noise.likelihood import Arguments, Likely, estimate, value_of
@@ -153,14 +153,14 @@ class NoiseModel:
     def _drawn(self, likely: Likely, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
         """Arguments (draws, n) that are likely too, and -2 log of the density of each.
 
-        From the normal distribution of the curvature, somewhat widened.
+        From the normal distribution of the curvature.
         """
         value, vector = np.linalg.eigh(0.5 * likely.curve)
         # Nothing is known less well than the prior says.
         least = np.linalg.eigvalsh(self.arguments.precision)[0]
         spread = 1.0 / np.sqrt(np.maximum(value, least))
         unit = rng.standard_normal((SETTINGS.noise_draws, len(likely.x)))
-        made = likely.x + SETTINGS.noise_draws_widened * (unit * spread) @ vector.T
+        made = likely.x + (unit * spread) @ vector.T
         return np.clip(made, self.arguments.low, self.arguments.high), np.sum(unit**2, axis=1)
 
 
@@ -203,7 +203,7 @@ def through_noise(
     }
     at_stated = plain.given(base)
     order = sorted(range(len(at_stated)), key=lambda n: -at_stated[n].evidence)
-    short = [n for n in order if at_stated[n].evidence > threshold["named"]][: SETTINGS.shortlist]
+    short = [n for n in order if at_stated[n].evidence > threshold["named"]][: SETTINGS.most_groups]
     ranked = sorted(range(len(here)), key=lambda n: -here[n].evidence)
     short += [n for n in ranked[:2] if n not in short and here[n].evidence > 0.0]
     short = [n for n in short if n not in base and noises.touches(n) > SETTINGS.gnss_share]
@@ -248,17 +248,10 @@ def _probability(
     found, total = noises.given(base | {n: kappa})
     if noises.evidence.groups[n].known:
         return total, kappa
-    each: dict[int, float] = {}
-    sizes, _ = effect_sizes()
-    begin = int(np.argmin(np.abs(np.log(sizes / kappa))))
-    for upwards in (range(begin, len(sizes)), range(begin - 1, -1, -1)):
-        for k in upwards:
-            each[k] = noises.at(base | {n: float(sizes[k])}, found)
-            if each[k] < max(each.values()) - SETTINGS.model_log_odds:
-                break
-    return float(np.logaddexp.reduce(list(each.values()))), float(sizes[max(each, key=each.get)])
+    each = near_the_best(lambda size: noises.at(base | {n: size}, found), kappa)
+    return float(np.logaddexp.reduce(list(each.values()))), max(each, key=each.get)
 
 
 def few_positions(system: LinearSystem) -> bool:
     """Whether there are too few antenna positions to tell of their noise."""
-    return system.gnss.sigma.size < SETTINGS.few_antenna_coordinates
+    return system.gnss.sigma.size < 3 * SETTINGS.fewest

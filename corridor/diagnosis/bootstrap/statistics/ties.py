@@ -10,18 +10,16 @@ from collections.abc import Iterator
 import numpy as np
 
 from corridor.core.geometry import CLIPPED, robust_scale_of_lengths
-from corridor.diagnosis.replicates.statistics.statistic import (
+from corridor.diagnosis.bootstrap.statistics.statistic import (
     FEWEST,
     Curve,
     Form,
     Grid,
-    Slopes,
     corridor_frame,
 )
 
 ROWS, TIMES, PLACES = 12, 12, 14
 COLUMNS = (8, 6)
-COARSE = (6, 4)
 # Ground points from which on they are not told apart.
 MANY_POINTS = 40
 IN_THE_IMAGE = "place in the image (px)"
@@ -111,14 +109,6 @@ class TieFrame:
             bins = Curve.codes(flights, weight, tuple(images.flight_names))
             yield "flight", "flight", bins, "outward size", 2
         yield "place on the ground", "ground (m)", Grid.of_places(place, weight), "size outward", 1
-        growing = {name: values for name, (values, *_) in followed.items()}
-        if self.flow is not None:
-            in_camera = np.where(self.moving[:, None], self.in_camera, np.nan)[image]
-            growing |= {"velocity x": in_camera[:, 0], "velocity y": in_camera[:, 1]}
-        for name, values in growing.items():
-            cells = Slopes.of(share, COARSE, weight, size, values)
-            if cells is not None:
-                yield f"image position, growing with {name}", IN_THE_IMAGE, cells, "x y", 1
 
 
 def _weight(sigma: np.ndarray) -> np.ndarray:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from corridor.core.adjustment import LOSSES, Design, LinearSystem, Loss, Sets
-from corridor.diagnosis.replicates.statistics import Fit
+from corridor.diagnosis.bootstrap.statistics import Fit
 
 # Standard deviations of a held-out observation, whose row is known and has no say.
 NO_SAY = 1e6

@@ -1,0 +1,75 @@
+"""What epochs show by themselves of how far a drone strays between them.
+
+A smoother of accelerations takes motion that is too fast for its epochs for a rough but continuous
+flight, which would stray little in half a step. How second differences grow with their lag tells:
+of smooth motion with its third power, of motion faster than the epochs not at all.
+
+Source: Matheron 1973, The intrinsic random functions (generalized covariances |t|^a, and the
+variances of what has weights that no straight line passes).
+"""
+
+import numpy as np
+
+from corridor.core.geometry import robust_scale
+
+# Weights by which the middle is interpolated, of epochs at these steps from it: linear, cubic.
+_BETWEEN = (
+    (np.array([-0.5, 0.5]), np.array([0.5, 0.5])),
+    (np.array([-1.5, -0.5, 0.5, 1.5]), np.array([-1.0, 9.0, 9.0, -1.0]) / 16),
+)
+# Second differences (1, -2, 1) of white noise have six times its variance.
+_OF_NOISE = 6.0
+# Exponents of growth: from none to that of a random acceleration; at 2 the form degenerates.
+_SMOOTHEST, _APART = 3.0, 0.05
+# So many second differences are needed; and steps that are alike within this share.
+_FEWEST, _ALIKE = 20, 0.05
+# Twice the standard deviation of a robust variance of n numbers that hang together by threes.
+_CHANCE = 2 * np.sqrt(2 * 3 / 0.37)
+
+
+def between(time: np.ndarray, position: np.ndarray, sigma: np.ndarray) -> float:
+    """Standard deviation, m, of a position in the middle between epochs, noise included.
+
+    time (n,) s; position (n, k) m, of axes alike; sigma: of the noise of one epoch, m. 0 where
+    the epochs show nothing beyond their noise, or are too few or too irregular to tell.
+    """
+    interval = float(np.median(np.diff(time)))
+    grown = [_second_differences(time, position, interval, lag) for lag in (1, 2)]
+    if min(map(len, grown)) < _FEWEST:
+        return 0.0
+    one, two = (float(robust_scale(part)) ** 2 for part in grown)
+    noise = _OF_NOISE * sigma**2
+    if one < noise * (1 + _CHANCE / np.sqrt(grown[0].size)):
+        return 0.0
+    power = np.clip(np.log2(max(two - noise, one - noise) / (one - noise)), 0.0, _SMOOTHEST)
+    if abs(power - 2) < _APART:
+        power = 2 + np.copysign(_APART, power - 2)
+    # Of second differences at a lag of one step, by the generalized covariance -+ |t|^power.
+    density = (one - noise) / abs(_variance(np.array([-1.0, 0, 1]), np.array([1.0, -2, 1]), power))
+    return min(
+        float(
+            np.sqrt(
+                density * abs(_variance(np.append(at, 0.0), np.append(weight, -1.0), power))
+                + sigma**2 * np.sum(weight**2)
+            )
+        )
+        for at, weight in _BETWEEN
+    )
+
+
+def _second_differences(time, position, interval, lag):
+    """(m, k) of epochs at even steps of lag times the interval."""
+    step = np.abs(time[2 * lag :] - time[lag:-lag] - lag * interval)
+    step = np.maximum(step, np.abs(time[lag:-lag] - time[: -2 * lag] - lag * interval))
+    found = position[2 * lag :] - 2 * position[lag:-lag] + position[: -2 * lag]
+    return found[step < _ALIKE * interval]
+
+
+def _variance(at, weight, power):
+    """Of a weighted sum of values at steps, in densities of the generalized covariance."""
+    apart = np.abs(np.subtract.outer(at, at))
+    return (
+        weight @ np.where(apart > 0, apart, 1e-300) ** power @ weight
+        if power
+        else float(weight @ (apart > 0) @ weight)
+    )

@@ -1,1 +1,0 @@
-"""Simulated replicates of a measured block, and the block beside them."""

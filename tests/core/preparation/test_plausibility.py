@@ -1,0 +1,72 @@
+"""What is probably a mistake in a block is said, and what the program writes itself is none."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import corridor
+from corridor.core.preparation.plausibility import plausibility_warnings
+from corridor.core.preparation.plausibility_of_motion import _disordered
+
+DIKE = Path(__file__).parents[3] / "data_synthetic" / "dike"
+
+
+@pytest.fixture(scope="module")
+def dike():
+    return corridor.read(DIKE)
+
+
+def with_keys(block, of_block, of_camera):
+    """The block with further keys in its block.toml."""
+    (name, camera), *_ = block.cameras.items()
+    cameras = {**block.cameras, name: replace(camera, extra={**camera.extra, **of_camera})}
+    return replace(block, cameras=cameras, extra={**block.extra, **of_block})
+
+
+def unknown(block):
+    return [doubt for doubt in plausibility_warnings(block) if "not known to corridor" in doubt]
+
+
+def test_keys_that_an_import_writes_are_not_called_unknown(dike):
+    frame = {"local_frame": {"lat_deg": 3.6}, "date": "2026-03-01"}
+    camera = {"readout_from": "published for FC330", "f_stated": [566.6, 17.0]}
+    assert unknown(with_keys(dike, frame, camera)) == []
+
+
+def test_a_key_nearly_written_as_a_known_one_is_called_unknown(dike):
+    (said,) = unknown(with_keys(dike, {}, {"readout": 0.03}))
+    assert "readout of [camera." in said and "readout_s" in said
+
+
+@pytest.mark.parametrize(("places", "told"), [(1, "image after"), (-2, "2 images before")])
+def test_positions_of_other_images_are_told_with_how_many_places(dike, places, told):
+    """A photograph deleted before names and positions were put together."""
+    block = dike.copy()
+    names = block.images["image"].astype(str).tolist()
+    other = dict(zip(names, names[places:] + names[:places], strict=True))
+    gnss = block.gnss.copy()
+    own = gnss.set_index(gnss["image"].astype(str))[["x", "y", "z"]]
+    gnss[["x", "y", "z"]] = own.loc[[other[name] for name in gnss["image"].astype(str)]].to_numpy()
+    block.gnss = gnss
+    (sentence,) = [one for one in plausibility_warnings(block) if "gives each image" in one]
+    assert f"the position of the {told} it" in sentence
+
+
+def test_positions_of_their_own_images_are_not_called_those_of_others(dike):
+    assert not [one for one in plausibility_warnings(dike) if "gives each image" in one]
+
+
+def test_times_of_each_other_are_told_where_names_lie_in_order(dike):
+    block = dike.copy()
+    time = block.images["time_s"].to_numpy()
+    block.images = block.images.assign(time_s=np.random.default_rng(1).permutation(time))
+    told = [one for one in plausibility_warnings(block) if "jumps to and fro" in one]
+    assert len(told) == len(block.flight_names)
+    assert all("each other's times" in one for one in told)
+    # Names of chance lie in no order: then nothing tells which of the two is right.
+    names = [f"{n:08x}" for n in np.random.default_rng(2).integers(0, 2**31, len(time))]
+    new = dict(zip(block.images["image"].astype(str), names, strict=True))
+    block.images["image"] = [new[one] for one in block.images["image"].astype(str)]
+    assert not list(_disordered(block))
