@@ -158,7 +158,7 @@ class Covariance:
         def work(piece: int, start: int, stop: int) -> None:
             for first, last in normal.chunks(start, stop):
                 scene = normal.scene(view, modelled, first, last)
-                normal.engine.point_covariance(first, last, scene, known, asked)
+                normal.engine.point_covariance(scene, known, asked)
 
         if some is None:
             normal.pieces.run(work)

@@ -76,15 +76,24 @@ class _Seen(NamedTuple):
     pixel: np.ndarray
 
 
-def _see(first: int, last: int, scene: Scene) -> _Seen:
-    """The rays of points first..last; moves on what the scene knows of rows and pixels."""
-    rays = slice(scene.observations.start[first], scene.observations.start[last])
-    looked = scene.looked
+def _rays(scene: Scene) -> slice:
+    """The rays of the scene's points among all."""
+    return slice(*scene.observations.start[[scene.first, scene.last]].tolist())
+
+
+def _lengths(scene: Scene) -> np.ndarray:
+    """How many rays each of the scene's points has."""
+    return np.diff(scene.observations.start[scene.first : scene.last + 1])
+
+
+def _see(scene: Scene) -> _Seen:
+    """The rays of the scene's points; moves on what the scene knows of rows and pixels."""
+    looked, rays = scene.looked, _rays(scene)
     moves, looks = scene.cameras.motion.shape[1] > 0, len(looked.modelled) > 0
     row = looked.row[rays].copy() if moves else np.zeros(rays.stop - rays.start)
     modelled = looked.modelled[rays, :2].copy()
     for _ in range(PASSES if moves else 1):
-        seen = _see_once(first, last, scene, row, modelled)
+        seen = _see_once(scene, row, modelled)
         far = np.abs(seen.row - row) > looked.near
         if not (moves and far.any()):
             break
@@ -97,14 +106,14 @@ def _see(first: int, last: int, scene: Scene) -> _Seen:
     return seen
 
 
-def _see_once(first: int, last: int, scene: Scene, row: np.ndarray, modelled: np.ndarray) -> _Seen:
+def _see_once(scene: Scene, row: np.ndarray, modelled: np.ndarray) -> _Seen:
     """One step of Newton from the rows, and pixels of effects, that were found last."""
     o, cameras, looked = scene.observations, scene.cameras, scene.looked
-    rays = slice(o.start[first], o.start[last])
+    rays = _rays(scene)
     image, n = o.image[rays], rays.stop - rays.start
     pose, interior = cameras.pose[image], cameras.interior[image]
     rotation = pose[:, 3:12].reshape(n, 3, 3)
-    point = np.repeat(scene.points[first:last], np.diff(o.start[first : last + 1]), axis=0)
+    point = np.repeat(scene.points[scene.first : scene.last], _lengths(scene), axis=0)
     x = bent = _times(rotation, point - pose[:, :3])
     back, turn, place = np.eye(3), np.zeros((n, 3)), np.zeros(n)
     factor, moves = pose[:, 13], cameras.motion.shape[1] > 0
@@ -296,22 +305,24 @@ def _inverse_root(v: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 class _Points:
-    """Points first..last with the rows of their rays (`_rows`), V, and sums over the rays of each.
+    """The scene's points with the rows of their rays (`_rows`), V, and sums over the rays of each.
 
     start (count + 1,): where the rays of each begin; of_ray (n,): the point of each ray.
     """
 
-    def __init__(self, first: int, last: int, scene: Scene, d: int):
-        start = scene.observations.start[first : last + 1]
-        self.count, self.start = last - first, start - start[0]
-        self.of_ray = np.repeat(np.arange(self.count), np.diff(start))
-        self.seen = _see(first, last, scene)
-        self.own, self.shared, self.point = _rows(self.seen, start[0] - scene.looked.base, scene, d)
+    def __init__(self, scene: Scene, d: int):
+        length = _lengths(scene)
+        self.count, self.start = len(length), np.concatenate([[0], np.cumsum(length)])
+        self.of_ray = np.repeat(np.arange(self.count), length)
+        self.seen = _see(scene)
+        self.own, self.shared, self.point = _rows(
+            self.seen, _rays(scene).start - scene.looked.base, scene, d
+        )
         self.across = self.point.transpose(0, 2, 1)
         self.v = self.sum(self.across @ self.point)
         self.residual = self.sum(_times(self.across, self.seen.residual))
         # Ground control: the points (k,) that are, their weight W = G'G, what is left of them.
-        given = scene.control.row[first:last]
+        given = scene.control.row[scene.first : scene.last]
         self.given = np.flatnonzero(given >= 0)
         given = given[self.given]
         self.root = _triangle(scene.control.root[given])
@@ -391,28 +402,23 @@ class Plain:
     def ready() -> bool:
         return True
 
-    def residuals(self, first: int, last: int, scene: Scene, out: np.ndarray) -> np.ndarray:
-        seen = _see(first, last, scene)
+    def residuals(self, scene: Scene, out: np.ndarray) -> np.ndarray:
+        seen = _see(scene)
         if len(out):
-            rays = slice(scene.observations.start[first], scene.observations.start[last])
-            out[rays] = np.where(seen.ahead[:, None], seen.residual, np.nan)
+            out[_rays(scene)] = np.where(seen.ahead[:, None], seen.residual, np.nan)
         return np.array([seen.cost.sum(), np.count_nonzero(~seen.ahead)])
 
-    def rows(
-        self, first: int, last: int, scene: Scene, row: np.ndarray, weight: np.ndarray
-    ) -> Rays:
-        points = _Points(first, last, scene, self.d)
+    def rows(self, scene: Scene, row: np.ndarray, weight: np.ndarray) -> Rays:
+        points = _Points(scene, self.d)
         v = points.sum(points.across @ points.point) + _full(weight)
         n = 2 * len(points.of_ray)
         own, point, shared = (x.reshape(n, -1) for x in (points.own, points.point, points.shared))
         root = _inverse_root(v)[0][:, *_LOWER]
         return Rays(points.seen.image, points.start, own, point, shared, root, row)
 
-    def assemble(
-        self, first: int, last: int, scene: Scene, damping: float, into: Equations
-    ) -> np.ndarray:
+    def assemble(self, scene: Scene, damping: float, into: Equations) -> np.ndarray:
         d, wide = self.d, scene.columns.wide
-        points = _Points(first, last, scene, d)
+        points = _Points(scene, d)
         seen = points.seen
         inverse, weak = points.damped(damping)
         y, back = points.images_part(inverse), inverse.transpose(0, 2, 1)
@@ -448,10 +454,8 @@ class Plain:
     def factor(self, band: np.ndarray, ld: int, n: int) -> _Factor:
         return _Factor(band, ld, n)
 
-    def substitute(
-        self, first: int, last: int, scene: Scene, damping: float, step: Step, moved: np.ndarray
-    ) -> np.ndarray:
-        points = _Points(first, last, scene, self.d)
+    def substitute(self, scene: Scene, damping: float, step: Step, moved: np.ndarray) -> np.ndarray:
+        points = _Points(scene, self.d)
         m = len(scene.cameras.pose)
         own = step.poses[: m * self.d].reshape(m, self.d)[points.seen.image]
         left = points.seen.residual - _times(points.own, own) - points.shared @ step.shared
@@ -460,7 +464,8 @@ class Plain:
         half = _times(inverse, points.towards(left, points.left - points.ground @ step.shared))
         down = _times(inverse, points.towards(points.residual, points.left))
         change = _times(inverse.transpose(0, 2, 1), half)
-        moved[first:last] = scene.points[first:last] + change
+        points_at = slice(scene.first, scene.last)
+        moved[points_at] = scene.points[points_at] + change
         diagonal = np.einsum("nii->ni", points.v)
         return np.array([np.sum(down**2), np.sum(diagonal * change**2)])
 
@@ -501,18 +506,17 @@ class Plain:
                 within[first + c, : len(below)] = below
         lower[:] = within
 
-    def point_covariance(
-        self, first: int, last: int, scene: Scene, known: Inverse, asked: Asked
-    ) -> None:
+    def point_covariance(self, scene: Scene, known: Inverse, asked: Asked) -> None:
         d, q = self.d, known.q
-        points = _Points(first, last, scene, d)
+        points = _Points(scene, d)
         inverse, _ = points.damped(0.0)
         y, z = points.images_part(inverse), points.shared_part(inverse)[:, :, :q]
         shared = known.shared.reshape(q, q)
         across = known.poses_shared.reshape(len(scene.cameras.pose), d, q)
         # Of Y and Z together with what is shared (count, 3, q).
         with_shared = points.sum(y @ across[points.seen.image]) + z @ shared
-        number = asked.number[first:last]
+        every = slice(scene.first, scene.last)
+        number = asked.number[every]
         some = np.flatnonzero(number >= 0)
         found = -inverse.transpose(0, 2, 1) @ with_shared[:, :, asked.columns]
         asked.cross[number[some]] = found[some]
@@ -522,9 +526,9 @@ class Plain:
         middle = np.eye(3) + with_shared @ z.transpose(0, 2, 1)
         middle = middle + z @ points.sum(y @ across[points.seen.image]).transpose(0, 2, 1)
         for m in np.unique(size[size > 0]).tolist():
-            every = np.flatnonzero(size == m)
+            same = np.flatnonzero(size == m)
             step = max(_AT_ONCE // (m * d) ** 2, 1)
-            for at in (every[k : k + step] for k in range(0, len(every), step)):
+            for at in (same[k : k + step] for k in range(0, len(same), step)):
                 rays = points.start[at][:, None] + np.arange(m)
                 unknown = (points.seen.image[rays][:, :, None] * d + np.arange(d)).reshape(
                     -1, m * d
@@ -533,7 +537,7 @@ class Plain:
                 y_own = y[rays].transpose(0, 2, 1, 3).reshape(-1, 3, m * d)
                 middle[at] += y_own @ q_own @ y_own.transpose(0, 2, 1)
         out = inverse.transpose(0, 2, 1) @ middle @ inverse
-        asked.out[first:last] = out[:, *_LOWER]
+        asked.out[every] = out[:, *_LOWER]
 
 
 def _sparse(values: np.ndarray, row: np.ndarray, column: np.ndarray, shape) -> csr_array:
