@@ -11,6 +11,7 @@ from corridor.core.effects import Without, every_effect
 from corridor.core.errors import some
 from corridor.core.geometry import GROSS
 from corridor.core.output import counted
+from corridor.core.preparation import prepare
 
 # Beyond this a parameter and a height are one quantity for every practical purpose.
 INSEPARABLE = 0.995
@@ -233,8 +234,12 @@ def _missed(a) -> list[tuple[str, str]]:
     Where the model has one of the same place, that may take it up.
     """
     p = a.problem
+    block = p.block
+    if len(block.gnss) and not block.has("images.vx") and block.has("images.time_s"):
+        # Without effects nobody has derived velocities, by which positions may be late.
+        block = prepare(block).block
     found = Without(
-        block=p.block,
+        block=block,
         free=frozenset(name for free in p.free.values() for name in free),
         height=float(np.median(a.state.centre[:, 2]) - np.median(a.state.points[:, 2])),
         gnss=a.residuals["gnss"],

@@ -1,5 +1,6 @@
 """What nobody measured: sigmas of positions, lever arms and focal lengths that are assumed."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -103,3 +104,25 @@ class TestFocalLength:
         assert all(each == lengths[0] for each in lengths[:-1])
         assert lengths[-1] == [camera["f"] for camera in found.block.cameras.values()]
         assert lengths[-1] != lengths[0]
+
+
+@pytest.mark.parametrize("late_s", [0.0, 1.0, 2.0])
+def test_positions_that_are_late_are_told_without_velocities_and_where_most_fly_one_way(late_s):
+    """Two of three strips go the same way: the block follows them, and the third alone is off."""
+    block = corridor.read("data_synthetic/dike")
+    block.images = block.images.drop(
+        columns=[c for c in ("vx", "vy", "vz", "wx", "wy", "wz") if c in block.images]
+    )
+    speed = corridor.prepare(block).block.numbers("images", "vx", "vy", "vz")
+    block.ground, block.marks = block.ground.iloc[:0], block.marks.iloc[:0]
+    at = block.image_rows("gnss")
+    noise = np.random.default_rng(1).normal(0, 0.5, (len(at), 3))
+    block.put("gnss", ("x", "y", "z"), block.numbers("gnss", *"xyz") - late_s * speed[at] + noise)
+    block.put("gnss", ("sx", "sy", "sz"), np.full((len(at), 3), 3.0))
+    said = [
+        s for s in corridor.adjust(block, lever_arm="fixed").warnings if "behind the images" in s
+    ]
+    assert len(said) == (late_s > 0)
+    if said:
+        value, sigma = map(float, re.search(r"are (\d+) \+- (\d+) ms", said[0]).groups())
+        assert abs(value - 1000 * late_s) < 3 * sigma

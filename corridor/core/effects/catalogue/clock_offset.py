@@ -83,15 +83,20 @@ def _late(found):
     images = found.block.images.set_index("image").reindex(found.gnss["image"].astype(str))
     if not {"vx", "vy", "vz"} <= set(images):
         return None
-    sigmas = found.gnss[["sx", "sy", "sz"]].to_numpy()
+    # Of all positions alike: those of one direction, as far off as the others, hardly count alone.
+    sigmas = np.median(found.gnss[["sx", "sy", "sz"]].to_numpy(), axis=0)
     v = found.gnss[["vx", "vy", "vz"]].to_numpy() / sigmas
     speed = images[["vx", "vy", "vz"]].to_numpy(float) / sigmas
     known = np.isfinite(speed).all(axis=1)
-    square = float(np.sum(speed[known] ** 2))
-    if known.sum() < 8 or not square > 0:
+    if known.sum() < 8:
         return None
-    delay = float(np.sum(v[known] * speed[known])) / square
-    left = v[known] - delay * speed[known]
-    share = 1 - float(np.sum(left**2) / np.sum(v[known] ** 2))
+    # The block follows what all positions share, or those of the direction that has more.
+    v, speed = (part[known] - part[known].mean(axis=0) for part in (v, speed))
+    square = float(np.sum(speed**2))
+    if not square > 0:
+        return None
+    delay = float(np.sum(v * speed)) / square
+    left = v - delay * speed
+    share = 1 - float(np.sum(left**2) / np.sum(v**2))
     sigma = float(np.sqrt(np.sum(left**2) / left.size / square))
     return (delay, sigma) if abs(delay) > _LATE_SIGMAS * sigma and share > _LATE_SHARE else None
