@@ -140,10 +140,15 @@ class Covariance:
         own = (np.asarray(images)[:, None] * d + np.arange(d)).ravel()
         return self._near.symmetric(own[:, None], own, d)
 
+    @cached_property
+    def _normal(self) -> Normal:
+        """The engine at the points."""
+        system = self.system
+        return Normal(system.problem, system.loss, system.threads, system.storage)
+
     def _of_points(self, asked: Asked, some: Iterable[int] | None = None) -> None:
         """Fill what is asked for, of some points alone; see `point_covariance`."""
-        system = self.system
-        normal = Normal(system.problem, system.loss, system.threads, system.storage)
+        normal = self._normal
         view = normal.view(self.state)
         modelled = normal.modelled_at(self.state)
         # Without `out` no entry of the images is looked at.
@@ -153,7 +158,7 @@ class Covariance:
         def work(piece: int, start: int, stop: int) -> None:
             for first, last in normal.chunks(start, stop):
                 scene = normal.scene(view, modelled, first, last)
-                normal.engine.point_covariance(first, last, scene, known, asked)
+                normal.engine.point_covariance(scene, known, asked)
 
         if some is None:
             normal.pieces.run(work)

@@ -82,7 +82,7 @@ class Design:
     def _rays(self, first: int, last: int, modelled: Modelled) -> Rays:
         scene = self._normal.scene(self._view, modelled, first, last)
         row = self._row[first:last]
-        made = self._normal.engine.rows(first, last, scene, row, self._point_weight[row])
+        made = self._normal.engine.rows(scene, row, self._point_weight[row])
         return made._replace(shared=made.shared[:, : self._problem.shared_count])
 
     def right(self, sets: Sets) -> np.ndarray:

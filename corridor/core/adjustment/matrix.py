@@ -35,19 +35,73 @@ class Singular(ArithmeticError):
 
 
 class Blocks:
-    """B, entries of images that share a point: storage, and what it holds: the factor, or None
-    for the equations; what is made in one place is gone from there."""
+    """B (n, n), entries of images that share a point: storage, and what it holds: the factor, or
+    None for the equations; what is made in one place is gone from there."""
 
     flat: np.ndarray
     stride: int
     neighbour_start: np.ndarray
     neighbour: np.ndarray
-    holds: Factor | SuperLU | None = None
+    holds: Any = None
+
+    def __init__(self, images: int, d: int):
+        self.images, self.d, self.n = images, d, images * d
 
     @property
     def storage(self) -> Storage:
         """As engines take it."""
         return Storage(self.flat, self.stride, self.neighbour_start, self.neighbour)
+
+    def _add(self, row: np.ndarray, column: np.ndarray, values: np.ndarray) -> None:
+        np.add.at(self.flat, self.storage.entries(row, column, self.d), values)
+
+    def add_blocks(self, image: np.ndarray, blocks: np.ndarray) -> None:
+        """Add symmetric blocks (k, d, d) to the diagonal blocks of images (k,)."""
+        r, c = np.tril_indices(self.d)
+        first = image[:, None] * self.d
+        self._add(first + r, first + c, blocks[:, r, c])
+
+    def add_pairs(self, image: np.ndarray, later: np.ndarray, blocks: np.ndarray) -> None:
+        """Add blocks (k, 6, 6): rows of later images (k,), columns of images (k,) before them."""
+        r, c = np.indices((6, 6))
+        row, column = (some[:, None, None] * self.d for some in (later, image))
+        self._add(row + r, column + c, blocks)
+
+    def _diagonal(self) -> np.ndarray:
+        every = np.arange(self.n)
+        return self.storage.entries(every, every, self.d).reshape(self.images, self.d)
+
+    def add_diagonal(self, values: np.ndarray) -> None:
+        """Add (images, d) to the diagonal."""
+        self.flat[self._diagonal()] += values
+
+    def multiply(self, x: np.ndarray) -> np.ndarray:
+        """B x for x (n, k), before factorisation."""
+        return self.symmetric() @ x
+
+    def symmetric(self) -> csc_array:
+        """B as a whole, before factorisation."""
+        every = np.arange(self.d)
+        return self.of_images(every, every)
+
+    def _pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        """Images that have a block, the later and the earlier of each pair."""
+        raise NotImplementedError
+
+    def of_images(self, one: np.ndarray, other: np.ndarray) -> csc_array:
+        """B (images * k, images * l) of some unknowns of every image, one (k,) and other (l,)."""
+        later, earlier = self._pairs()
+        row = np.concatenate([later, earlier[later != earlier]])
+        column = np.concatenate([earlier, later[later != earlier]])
+        order = np.lexsort((column, row))
+        row, column = row[order], column[order]
+        first, second = row[:, None, None] * self.d, column[:, None, None] * self.d
+        value = self.storage.symmetric(first + one[:, None], second + other, self.d)
+        start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=self.images))])
+        shape = self.images * len(one), self.images * len(other)
+        out = bsr_array((value, column, start), shape=shape).tocsc()
+        out.eliminate_zeros()
+        return out
 
 
 class Band(Blocks):
@@ -55,9 +109,9 @@ class Band(Blocks):
 
     def __init__(self, images: int, d: int, width: int, rows: int, engine: Engine):
         """rows: of images, and behind them what pieces keep apart (see `Pieces`)."""
-        self.images, self.d, self.engine = images, d, engine
-        self.n = images * d
-        self.ld = min(width * d, self.n)
+        super().__init__(images, d)
+        self.engine, self.width = engine, min(width, images)
+        self.ld = self.width * d
         self.stride = self.ld - 1
         self.flat = np.zeros(rows * d * self.ld)
         self.neighbour_start = np.zeros(0, dtype=np.int64)
@@ -68,75 +122,15 @@ class Band(Blocks):
         """Of every image one, and of what lies apart behind."""
         return self.flat.reshape(-1, self.d * self.ld)
 
-    def add_blocks(self, image: np.ndarray, blocks: np.ndarray) -> None:
-        """Add symmetric blocks (k, d, d) to the diagonal blocks of images (k,)."""
-        d, ld = self.d, self.ld
-        for c in range(d):
-            at = (image * d + c) * ld - c
-            for r in range(c, d):
-                np.add.at(self.flat, at + r, blocks[:, r, c])
-
-    def add_pairs(self, image: np.ndarray, later: np.ndarray, blocks: np.ndarray) -> None:
-        """Add blocks (k, 6, 6): rows of later images (k,), columns of images (k,) before them."""
-        d, ld = self.d, self.ld
-        for c in range(6):
-            for r in range(6):
-                at = (image * d + c) * ld + (later - image) * d + r - c
-                np.add.at(self.flat, at, blocks[:, r, c])
-
-    def add_diagonal(self, values: np.ndarray) -> None:
-        """Add (images, d) to the diagonal."""
-        self.flat[: self.n * self.ld : self.ld] += values.ravel()
-
-    def diagonal(self) -> np.ndarray:
-        return self.flat[: self.n * self.ld : self.ld].reshape(self.images, self.d)
-
-    def multiply(self, x: np.ndarray) -> np.ndarray:
-        """B x for x (n, k), before factorisation."""
-        band = self.flat[: self.n * self.ld].reshape(self.n, self.ld)
-        out = band[:, :1] * x
-        for r in range(1, self.ld):
-            out[r:] += band[: self.n - r, r : r + 1] * x[: self.n - r]
-            out[: self.n - r] += band[: self.n - r, r : r + 1] * x[r:]
-        return out
-
-    def symmetric(self) -> csc_array:
-        """B (n, n) as a whole, before factorisation."""
-        every = np.arange(self.d)
-        return self.of_images(every, every)
-
-    def of_images(self, one: np.ndarray, other: np.ndarray) -> csc_array:
-        """B (images * k, images * l) of some unknowns of every image, one (k,) and other (l,)."""
-        d, m = self.d, self.images
-        band = self.flat[: self.n * self.ld].reshape(m, d, self.ld)
-        rows: list[np.ndarray] = []
-        columns: list[np.ndarray] = []
-        values = []
-        for apart in range(-(-self.ld // d)):
-            # Of images so far apart: lower (pairs, unknowns of the later, of the earlier one).
-            lower = np.zeros((m - apart, d, d))
-            for c in range(d):
-                begin = max(apart * d - c, 0)
-                stored = band[: m - apart, c, begin : (apart + 1) * d - c]
-                lower[:, d - stored.shape[1] :, c] = stored
-            if not apart:
-                lower += np.tril(lower, -1).transpose(0, 2, 1)
-            seen = np.flatnonzero(lower.any(axis=(1, 2)))
-            lower = lower[seen]
-            rows, columns = [*rows, seen + apart], [*columns, seen]
-            values.append(lower[:, one[:, None], other])
-            if apart:
-                rows, columns = [*rows, seen], [*columns, seen + apart]
-                values.append(lower.transpose(0, 2, 1)[:, one[:, None], other])
-        row, column = np.concatenate(rows), np.concatenate(columns)
-        order = np.lexsort((column, row))
-        start = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=m))])
-        out = bsr_array(
-            (np.concatenate(values)[order], column[order], start),
-            shape=(m * len(one), m * len(other)),
-        ).tocsc()
-        out.eliminate_zeros()
-        return out
+    def _pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of the band those blocks that are not zero, by the column of each."""
+        band = self.flat[: self.n * self.ld].reshape(self.images, self.d, self.width, self.d)
+        # The first of a column's d numbers of one image are still of the image before.
+        seen = np.asarray(band.any(axis=(1, 3)))
+        seen[:, 1:] |= seen[:, :-1]
+        earlier, apart = np.nonzero(seen)
+        inside = earlier + apart < self.images
+        return (earlier + apart)[inside], earlier[inside]
 
     def factor(self, reference: np.ndarray) -> Factor:
         """Cholesky in place. reference (images, d): diagonal before the points were eliminated.
@@ -146,7 +140,7 @@ class Band(Blocks):
         self.holds = self.engine.factor(self.flat, self.ld, self.n)
         if self.holds.weak is not None:
             raise Singular(*divmod(self.holds.weak, self.d))
-        weak = self.diagonal() ** 2 < SINGULAR * reference
+        weak = self.flat[self._diagonal()] ** 2 < SINGULAR * reference
         if weak.any():
             raise Singular(*(int(v) for v in np.argwhere(weak)[0]))
         return self.holds
@@ -162,71 +156,18 @@ class Sparse(Blocks):
     """B as sparse blocks, factorised by SuperLU. For blocks that are not corridors."""
 
     def __init__(self, images: int, d: int, ptr: np.ndarray, img: np.ndarray):
-        self.images, self.d, self.n = images, d, images * d
+        super().__init__(images, d)
         self.stride = d
-        self.ld = 0
-        start, neighbour = neighbours(images, ptr, img)
-        self.neighbour_start, self.neighbour = start, neighbour
-        self.flat = np.zeros(len(neighbour) * d * d)
-        column = np.repeat(np.arange(images), np.diff(start))
-        # Entry (r, c) of block (j, i) at c d + r: rows j d + r, columns i d + c.
-        r = np.tile(np.arange(d), d)
-        c = np.repeat(np.arange(d), d)
-        self._row = (neighbour[:, None] * d + r).ravel()
-        self._column = (column[:, None] * d + c).ravel()
-        self._own = start[:-1]
+        self.neighbour_start, self.neighbour = neighbours(images, ptr, img)
+        self.flat = np.zeros(len(self.neighbour) * d * d)
 
     @property
     def rows(self) -> np.ndarray:
         """What pieces add to, as one row: where there is one piece alone, nothing lies apart."""
         return self.flat[None]
 
-    def add_blocks(self, image: np.ndarray, blocks: np.ndarray) -> None:
-        d = self.d
-        for c in range(d):
-            for r in range(c, d):
-                np.add.at(self.flat, self._own[image] * d * d + c * d + r, blocks[:, r, c])
-
-    def add_pairs(self, image: np.ndarray, later: np.ndarray, blocks: np.ndarray) -> None:
-        """As of `Band`."""
-        d = self.d
-        column = np.repeat(np.arange(self.images), np.diff(self.neighbour_start))
-        key, wanted = column * self.images + self.neighbour, image * self.images + later
-        at = np.searchsorted(key, wanted) * d * d
-        for c in range(6):
-            for r in range(6):
-                np.add.at(self.flat, at + c * d + r, blocks[:, r, c])
-
-    def _diagonal_at(self) -> np.ndarray:
-        d = self.d
-        return self._own[:, None] * d * d + np.arange(d) * (d + 1)
-
-    def add_diagonal(self, values: np.ndarray) -> None:
-        self.flat[self._diagonal_at()] += values
-
-    def diagonal(self) -> np.ndarray:
-        return self.flat[self._diagonal_at()]
-
-    def symmetric(self) -> csc_array:
-        """B (n, n) as a whole, before factorisation."""
-        lower = self._row >= self._column
-        below = self._row > self._column
-        rows = np.concatenate([self._row[lower], self._column[below]])
-        columns = np.concatenate([self._column[lower], self._row[below]])
-        values = np.concatenate([self.flat[lower], self.flat[below]])
-        return csc_array((values, (rows, columns)), shape=(self.n, self.n))
-
-    def of_images(self, one: np.ndarray, other: np.ndarray) -> csc_array:
-        """B (images * k, images * l) of some unknowns of every image, one (k,) and other (l,)."""
-        rows, columns = (
-            (np.arange(self.images)[:, None] * self.d + some).ravel() for some in (one, other)
-        )
-        out = self.symmetric()[:, columns][rows]
-        out.eliminate_zeros()
-        return out
-
-    def multiply(self, x: np.ndarray) -> np.ndarray:
-        return self.symmetric() @ x
+    def _pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        return self.neighbour, np.repeat(np.arange(self.images), np.diff(self.neighbour_start))
 
     def factor(self, reference: np.ndarray) -> SuperLU:
         """As of `Band`."""

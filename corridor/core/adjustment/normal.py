@@ -125,7 +125,6 @@ class Normal:
         )
         self.assembled: View | None = None
         self.held = np.zeros((0, 2), dtype=np.int64)
-        self.pin_weight = np.zeros(0)
 
     @cached_property
     def blocks(self) -> Band | Sparse:
@@ -193,10 +192,10 @@ class Normal:
         sight = _NO_SIGHT
         if self.sighted:
             sight = modelled.sight[self.problem.ptr[first] : self.problem.ptr[last]]
-        return self._scene(view, modelled, first, shift, d_image, sight=sight)
+        return self._scene(view, modelled, (first, last), shift, d_image, sight=sight)
 
     def _scene(
-        self, view, modelled, first, shift, d_image=_NO_DERIVATIVE, within=NEAR, sight=_NO_SIGHT
+        self, view, modelled, points, shift, d_image=_NO_DERIVATIVE, within=NEAR, sight=_NO_SIGHT
     ) -> arrays.Scene:
         p = self.problem
         straight = view.cameras.motion.shape[1] <= 2
@@ -207,11 +206,12 @@ class Normal:
             view.state.points,
             arrays.Observations(p.ptr, p.img, p.xy, p.weight, p.skewed),
             view.cameras,
-            arrays.Looked(int(p.ptr[first]), shift, modelled.row, modelled.pixel, near),
+            arrays.Looked(int(p.ptr[points[0]]), shift, modelled.row, modelled.pixel, near),
             arrays.Derivatives(view.d_interior, d_image, view.d_motion, view.d_ground, sight),
             self.columns,
             arrays.Control(p.control, *self.control_weight, view.control_residual),
             self.loss,
+            *points,
         )
 
     def _shifts(self, view: View, modelled: Modelled, first: int, last: int):
@@ -377,7 +377,7 @@ class Normal:
         """
         modelled = self._start() if near is None else near.copy()
         plain = out is not None
-        out = out if plain else np.zeros((0, 2))
+        into = np.zeros((0, 2)) if out is None else out
         for _ in range(PASSES if self.has_image_effects else 1):
             before = modelled.pixel[:, :2].copy()
             totals = np.zeros((len(self.pieces), 2))
@@ -385,13 +385,13 @@ class Normal:
             def work(piece: int, start: int, stop: int, totals=totals) -> None:
                 for first, last in self.chunks(start, stop):
                     shift = self._shift(view, modelled, first, last)
-                    scene = self._scene(view, modelled, first, shift, within=within)
+                    scene = self._scene(view, modelled, (first, last), shift, within=within)
                     if plain:
                         unweighted = scene.observations._replace(
                             weight=np.ones(1), skewed=np.zeros((0, 3))
                         )
                         scene = scene._replace(observations=unweighted, loss=Loss())
-                    totals[piece] += self.engine.residuals(first, last, scene, out)
+                    totals[piece] += self.engine.residuals(scene, into)
 
             self.pieces.run(work)
             if not _farthest(modelled.pixel[:, :2], before) > within:
@@ -441,7 +441,7 @@ class Normal:
                 self.pieces.clear(piece, array)
             for first, last in self.chunks(start, stop):
                 scene = self.scene(view, self.modelled, first, last)
-                totals[piece] += self.engine.assemble(first, last, scene, damping, equations)
+                totals[piece] += self.engine.assemble(scene, damping, equations)
 
         self.pieces.run(work)
         for array in kept:
@@ -584,7 +584,7 @@ class Normal:
         def work(piece: int, start: int, stop: int) -> None:
             for first, last in self.chunks(start, stop):
                 scene = self.scene(view, self.modelled, first, last, anew=False)
-                totals[piece] += self.engine.substitute(first, last, scene, damping, whole, moved)
+                totals[piece] += self.engine.substitute(scene, damping, whole, moved)
 
         self.pieces.run(work)
         down, square = totals.sum(axis=0)

@@ -52,7 +52,7 @@ def compile_late() -> None:
     asked = Asked(
         np.full(count, -1), np.zeros(0, dtype=np.int64), np.zeros((count, 6)), np.zeros((0, 3, 0))
     )
-    normal.engine.point_covariance(0, count, scene, known, asked)
+    normal.engine.point_covariance(scene, known, asked)
 
 
 def _small_block() -> Block:

@@ -50,7 +50,7 @@ def point_regression(system: LinearSystem, points: np.ndarray) -> PointRegressio
             continue
         scene = normal.scene(view, modelled, first, last)
         control = p.control[first:last]
-        rays = normal.engine.rows(first, last, scene, control, weight[control])
+        rays = normal.engine.rows(scene, control, weight[control])
         root = np.zeros((last - first, 3, 3))
         root[:, *np.tril_indices(3)] = rays.root
         whole = root.transpose(0, 2, 1) @ root

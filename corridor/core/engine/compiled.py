@@ -32,9 +32,9 @@ try:
     from numba.core.extending import _Intrinsic
 except ImportError:
     # What is compiled elsewhere runs as it is written; of engines there is `plain` alone.
-    CPUTargetOptions = Dispatcher = None
+    CPUTargetOptions = Dispatcher = None  # type: ignore[assignment, misc]
 
-    def njit(**options: Any) -> Callable:
+    def njit(**options: Any) -> Callable:  # type: ignore[no-redef]
         """A decorator that leaves a function as it is."""
         return lambda function: function
 
@@ -134,8 +134,8 @@ def _private_folder() -> str:
 
 
 def _stamp(function: Callable) -> str:
-    """Digest of the files that hold a function and all compiled ones that it can see."""
-    files: set[str] = set()
+    """Digest of the files that hold a function, all compiled ones that it can see, and scenes."""
+    files = {str(Path(__file__).with_name("scene.py"))}
 
     def visit(one: Callable) -> None:
         if one.__code__.co_filename in files:

@@ -42,7 +42,7 @@ class Factor(Protocol):
 
 class Engine(Protocol):
     """For images with `d` unknowns; longest: the most rays of a point; sighted: whether effects on
-    the image see object points. Calls take the points first..last of a scene."""
+    the image see object points. A scene says which of its points are meant."""
 
     name: str
     threads: int
@@ -53,26 +53,20 @@ class Engine(Protocol):
     def ready() -> bool:
         """Whether nothing is left to be compiled."""
 
-    def residuals(self, first: int, last: int, scene: Scene, out: np.ndarray) -> np.ndarray:
+    def residuals(self, scene: Scene, out: np.ndarray) -> np.ndarray:
         """Sum of rho over the rays and how many are behind a camera (2,). out (n, 2) or (0, 2):
         receives the residuals times the root of their weight, NaN of those behind."""
 
-    def rows(
-        self, first: int, last: int, scene: Scene, row: np.ndarray, weight: np.ndarray
-    ) -> Rays:
+    def rows(self, scene: Scene, row: np.ndarray, weight: np.ndarray) -> Rays:
         """Weighted Jacobian rows; row (points,): of `Rays`; weight (points, 6): of the points."""
 
-    def assemble(
-        self, first: int, last: int, scene: Scene, damping: float, into: Equations
-    ) -> np.ndarray:
+    def assemble(self, scene: Scene, damping: float, into: Equations) -> np.ndarray:
         """Add the reduced normal equations; cost, rays behind a camera, weak directions (3,)."""
 
     def factor(self, band: np.ndarray, ld: int, n: int) -> Factor:
         """Factorise in place the first n columns of a band, entry (i, j) at j ld + i - j."""
 
-    def substitute(
-        self, first: int, last: int, scene: Scene, damping: float, step: Step, moved: np.ndarray
-    ) -> np.ndarray:
+    def substitute(self, scene: Scene, damping: float, step: Step, moved: np.ndarray) -> np.ndarray:
         """Move points by a step: moved (points, 3) receives them. Their part (2,) of
         step . gradient and of step . diagonal . step."""
 
@@ -84,9 +78,7 @@ class Engine(Protocol):
     ) -> None:
         """Entries of (L L')^-1 + left right' inside a band, in place of its factor L."""
 
-    def point_covariance(
-        self, first: int, last: int, scene: Scene, known: Inverse, asked: Asked
-    ) -> None:
+    def point_covariance(self, scene: Scene, known: Inverse, asked: Asked) -> None:
         """Covariances of points from those of images and of what these share."""
 
 

@@ -76,15 +76,24 @@ class _Seen(NamedTuple):
     pixel: np.ndarray
 
 
-def _see(first: int, last: int, scene: Scene) -> _Seen:
-    """The rays of points first..last; moves on what the scene knows of rows and pixels."""
-    rays = slice(scene.observations.start[first], scene.observations.start[last])
-    looked = scene.looked
+def _rays(scene: Scene) -> slice:
+    """The rays of the scene's points among all."""
+    return slice(*scene.observations.start[[scene.first, scene.last]].tolist())
+
+
+def _lengths(scene: Scene) -> np.ndarray:
+    """How many rays each of the scene's points has."""
+    return np.diff(scene.observations.start[scene.first : scene.last + 1])
+
+
+def _see(scene: Scene) -> _Seen:
+    """The rays of the scene's points; moves on what the scene knows of rows and pixels."""
+    looked, rays = scene.looked, _rays(scene)
     moves, looks = scene.cameras.motion.shape[1] > 0, len(looked.modelled) > 0
     row = looked.row[rays].copy() if moves else np.zeros(rays.stop - rays.start)
     modelled = looked.modelled[rays, :2].copy()
     for _ in range(PASSES if moves else 1):
-        seen = _see_once(first, last, scene, row, modelled)
+        seen = _see_once(scene, row, modelled)
         far = np.abs(seen.row - row) > looked.near
         if not (moves and far.any()):
             break
@@ -97,14 +106,14 @@ def _see(first: int, last: int, scene: Scene) -> _Seen:
     return seen
 
 
-def _see_once(first: int, last: int, scene: Scene, row: np.ndarray, modelled: np.ndarray) -> _Seen:
+def _see_once(scene: Scene, row: np.ndarray, modelled: np.ndarray) -> _Seen:
     """One step of Newton from the rows, and pixels of effects, that were found last."""
     o, cameras, looked = scene.observations, scene.cameras, scene.looked
-    rays = slice(o.start[first], o.start[last])
+    rays = _rays(scene)
     image, n = o.image[rays], rays.stop - rays.start
     pose, interior = cameras.pose[image], cameras.interior[image]
     rotation = pose[:, 3:12].reshape(n, 3, 3)
-    point = np.repeat(scene.points[first:last], np.diff(o.start[first : last + 1]), axis=0)
+    point = np.repeat(scene.points[scene.first : scene.last], _lengths(scene), axis=0)
     x = bent = _times(rotation, point - pose[:, :3])
     back, turn, place = np.eye(3), np.zeros((n, 3)), np.zeros(n)
     factor, moves = pose[:, 13], cameras.motion.shape[1] > 0
@@ -211,21 +220,12 @@ def _robust(loss, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 # --- Jacobian rows --------------------------------------------------------------------------------
 
 
-class _Rows(NamedTuple):
-    """Weighted rows of n rays: residual (n, 2), own (n, 2, d) by the image, shared (n, 2, wide),
-    point (n, 2, 3)."""
+def _rows(seen: _Seen, base: int, scene: Scene, d: int) -> tuple[np.ndarray, ...]:
+    """Weighted rows of n rays: own (n, 2, d) by the image, shared (n, 2, wide), point (n, 2, 3).
 
-    seen: _Seen
-    residual: np.ndarray
-    own: np.ndarray
-    shared: np.ndarray
-    point: np.ndarray
-
-
-def _rows(first: int, last: int, scene: Scene, d: int) -> _Rows:
-    seen = _see(first, last, scene)
+    base: the first of them in what effects say of rays.
+    """
     n, columns, effects = len(seen.image), scene.columns, scene.derivatives
-    base = scene.observations.start[first] - scene.looked.base
     # What is not moved by a camera goes through the slope as pixels do.
     slope = seen.weight[:, None, None] * seen.slope
     point = seen.by @ seen.rotation
@@ -253,7 +253,7 @@ def _rows(first: int, last: int, scene: Scene, d: int) -> _Rows:
         sight = slope @ effects.sight[base : base + n]
         own[:, :, :6] += sight[:, :, :6]
         point = point + sight[:, :, 6:]
-    return _Rows(seen, seen.residual, own, shared, point)
+    return own, shared, point
 
 
 def _by_interior(seen: _Seen) -> np.ndarray:
@@ -305,18 +305,24 @@ def _inverse_root(v: np.ndarray) -> tuple[np.ndarray, int]:
 
 
 class _Points:
-    """Points first..last with their rows: V, and sums over the rays of each."""
+    """The scene's points with the rows of their rays (`_rows`), V, and sums over the rays of each.
 
-    def __init__(self, first: int, last: int, scene: Scene, rows: _Rows):
-        start = scene.observations.start[first : last + 1]
-        self.count, self.rows = last - first, rows
-        self.start = start - start[0]
-        #: Number of each ray's point.
-        self.of_ray = np.repeat(np.arange(self.count), np.diff(start))
-        self.v = self.sum(rows.point.transpose(0, 2, 1) @ rows.point)
-        self.residual = self.sum(_times(rows.point.transpose(0, 2, 1), rows.residual))
+    start (count + 1,): where the rays of each begin; of_ray (n,): the point of each ray.
+    """
+
+    def __init__(self, scene: Scene, d: int):
+        length = _lengths(scene)
+        self.count, self.start = len(length), np.concatenate([[0], np.cumsum(length)])
+        self.of_ray = np.repeat(np.arange(self.count), length)
+        self.seen = _see(scene)
+        self.own, self.shared, self.point = _rows(
+            self.seen, _rays(scene).start - scene.looked.base, scene, d
+        )
+        self.across = self.point.transpose(0, 2, 1)
+        self.v = self.sum(self.across @ self.point)
+        self.residual = self.sum(_times(self.across, self.seen.residual))
         # Ground control: the points (k,) that are, their weight W = G'G, what is left of them.
-        given = scene.control.row[first:last]
+        given = scene.control.row[scene.first : scene.last]
         self.given = np.flatnonzero(given >= 0)
         given = given[self.given]
         self.root = _triangle(scene.control.root[given])
@@ -351,11 +357,11 @@ class _Points:
 
     def images_part(self, inverse: np.ndarray) -> np.ndarray:
         """Y, ray by ray: L^-1 P'J (n, 3, d)."""
-        return inverse[self.of_ray] @ (self.rows.point.transpose(0, 2, 1) @ self.rows.own)
+        return inverse[self.of_ray] @ (self.across @ self.own)
 
     def shared_part(self, inverse: np.ndarray) -> np.ndarray:
         """Z: L^-1 P'B (count, 3, wide)."""
-        by = self.sum(self.rows.point.transpose(0, 2, 1) @ self.rows.shared)
+        by = self.sum(self.across @ self.shared)
         by[self.given] += self.weighted(self.ground)
         return inverse @ by
 
@@ -396,28 +402,24 @@ class Plain:
     def ready() -> bool:
         return True
 
-    def residuals(self, first: int, last: int, scene: Scene, out: np.ndarray) -> np.ndarray:
-        seen = _see(first, last, scene)
+    def residuals(self, scene: Scene, out: np.ndarray) -> np.ndarray:
+        seen = _see(scene)
         if len(out):
-            rays = slice(scene.observations.start[first], scene.observations.start[last])
-            out[rays] = np.where(seen.ahead[:, None], seen.residual, np.nan)
+            out[_rays(scene)] = np.where(seen.ahead[:, None], seen.residual, np.nan)
         return np.array([seen.cost.sum(), np.count_nonzero(~seen.ahead)])
 
-    def rows(
-        self, first: int, last: int, scene: Scene, row: np.ndarray, weight: np.ndarray
-    ) -> Rays:
-        rows = _rows(first, last, scene, self.d)
-        points, n = _Points(first, last, scene, rows), 2 * len(rows.residual)
-        v = points.sum(rows.point.transpose(0, 2, 1) @ rows.point) + _full(weight)
-        flat = (x.reshape(n, -1) for x in (rows.own, rows.point, rows.shared))
-        return Rays(rows.seen.image, points.start, *flat, _inverse_root(v)[0][:, *_LOWER], row)
+    def rows(self, scene: Scene, row: np.ndarray, weight: np.ndarray) -> Rays:
+        points = _Points(scene, self.d)
+        v = points.sum(points.across @ points.point) + _full(weight)
+        n = 2 * len(points.of_ray)
+        own, point, shared = (x.reshape(n, -1) for x in (points.own, points.point, points.shared))
+        root = _inverse_root(v)[0][:, *_LOWER]
+        return Rays(points.seen.image, points.start, own, point, shared, root, row)
 
-    def assemble(
-        self, first: int, last: int, scene: Scene, damping: float, into: Equations
-    ) -> np.ndarray:
+    def assemble(self, scene: Scene, damping: float, into: Equations) -> np.ndarray:
         d, wide = self.d, scene.columns.wide
-        rows = _rows(first, last, scene, d)
-        points, seen = _Points(first, last, scene, rows), rows.seen
+        points = _Points(scene, d)
+        seen = points.seen
         inverse, weak = points.damped(damping)
         y, back = points.images_part(inverse), inverse.transpose(0, 2, 1)
         # By how much points follow a unit of what is shared, and the residuals: L^-T Z, L^-T n.
@@ -426,21 +428,22 @@ class Plain:
         # J (rays, unknowns of images) and Y (points, the same), in three and two rows each.
         size = len(scene.cameras.pose) * d
         column = seen.image[:, None] * d + np.arange(d)
-        J = _sparse(rows.own, 2 * np.arange(len(column)), column, (2 * len(column), size))
+        J = _sparse(points.own, 2 * np.arange(len(column)), column, (2 * len(column), size))
         Y = _sparse(y, 3 * points.of_ray, column, (3 * points.count, size))
         # Control has three rows a point, of what is shared alone. What points follow is gone.
         ground, at = points.root @ points.ground, points.of_ray
-        B = np.concatenate([rows.shared.reshape(-1, wide), ground.reshape(-1, wide)])
-        of_rays = rows.shared - rows.point @ follow[at]
+        B = np.concatenate([points.shared.reshape(-1, wide), ground.reshape(-1, wide)])
+        of_rays = points.shared - points.point @ follow[at]
         of_ground = ground - points.root @ follow[points.given]
         of_rays, of_ground = of_rays.reshape(-1, wide), of_ground.reshape(-1, wide)
-        left = (rows.residual - _times(rows.point, move[at])).ravel()
+        left = (points.seen.residual - _times(points.point, move[at])).ravel()
         left_ground = _times(points.root, points.left - move[points.given]).ravel()
         into.gradient[:size] += J.T @ left
         into.shared_gradient[:] += B.T @ np.concatenate([left, left_ground])
         if into.matrix:
             lower = tril(J.T @ J - Y.T @ Y).tocoo()
-            at = into.storage.entries(*(x.astype(np.int64) for x in (lower.row, lower.col)), d)
+            row, column = lower.row.astype(np.int64), lower.col.astype(np.int64)
+            at = into.storage.entries(row, column, d)
             into.storage.flat[at] += lower.data
             into.diagonal[:size] += (J.multiply(J)).sum(axis=0)
             into.cross[: size * wide] += (J.T @ of_rays).ravel()
@@ -451,20 +454,18 @@ class Plain:
     def factor(self, band: np.ndarray, ld: int, n: int) -> _Factor:
         return _Factor(band, ld, n)
 
-    def substitute(
-        self, first: int, last: int, scene: Scene, damping: float, step: Step, moved: np.ndarray
-    ) -> np.ndarray:
-        rows = _rows(first, last, scene, self.d)
-        points = _Points(first, last, scene, rows)
+    def substitute(self, scene: Scene, damping: float, step: Step, moved: np.ndarray) -> np.ndarray:
+        points = _Points(scene, self.d)
         m = len(scene.cameras.pose)
-        own = step.poses[: m * self.d].reshape(m, self.d)[rows.seen.image]
-        left = rows.residual - _times(rows.own, own) - rows.shared @ step.shared
-        left = points.sum(_times(rows.point.transpose(0, 2, 1), left))
+        own = step.poses[: m * self.d].reshape(m, self.d)[points.seen.image]
+        left = points.seen.residual - _times(points.own, own) - points.shared @ step.shared
+        left = points.sum(_times(points.across, left))
         inverse, _ = points.damped(damping)
         half = _times(inverse, points.towards(left, points.left - points.ground @ step.shared))
         down = _times(inverse, points.towards(points.residual, points.left))
         change = _times(inverse.transpose(0, 2, 1), half)
-        moved[first:last] = scene.points[first:last] + change
+        points_at = slice(scene.first, scene.last)
+        moved[points_at] = scene.points[points_at] + change
         diagonal = np.einsum("nii->ni", points.v)
         return np.array([np.sum(down**2), np.sum(diagonal * change**2)])
 
@@ -505,19 +506,17 @@ class Plain:
                 within[first + c, : len(below)] = below
         lower[:] = within
 
-    def point_covariance(
-        self, first: int, last: int, scene: Scene, known: Inverse, asked: Asked
-    ) -> None:
+    def point_covariance(self, scene: Scene, known: Inverse, asked: Asked) -> None:
         d, q = self.d, known.q
-        rows = _rows(first, last, scene, d)
-        points = _Points(first, last, scene, rows)
+        points = _Points(scene, d)
         inverse, _ = points.damped(0.0)
         y, z = points.images_part(inverse), points.shared_part(inverse)[:, :, :q]
         shared = known.shared.reshape(q, q)
         across = known.poses_shared.reshape(len(scene.cameras.pose), d, q)
         # Of Y and Z together with what is shared (count, 3, q).
-        with_shared = points.sum(y @ across[rows.seen.image]) + z @ shared
-        number = asked.number[first:last]
+        with_shared = points.sum(y @ across[points.seen.image]) + z @ shared
+        every = slice(scene.first, scene.last)
+        number = asked.number[every]
         some = np.flatnonzero(number >= 0)
         found = -inverse.transpose(0, 2, 1) @ with_shared[:, :, asked.columns]
         asked.cross[number[some]] = found[some]
@@ -525,18 +524,20 @@ class Plain:
             return
         size = np.diff(points.start)
         middle = np.eye(3) + with_shared @ z.transpose(0, 2, 1)
-        middle = middle + z @ points.sum(y @ across[rows.seen.image]).transpose(0, 2, 1)
+        middle = middle + z @ points.sum(y @ across[points.seen.image]).transpose(0, 2, 1)
         for m in np.unique(size[size > 0]).tolist():
-            every = np.flatnonzero(size == m)
+            same = np.flatnonzero(size == m)
             step = max(_AT_ONCE // (m * d) ** 2, 1)
-            for at in (every[k : k + step] for k in range(0, len(every), step)):
+            for at in (same[k : k + step] for k in range(0, len(same), step)):
                 rays = points.start[at][:, None] + np.arange(m)
-                unknown = (rows.seen.image[rays][:, :, None] * d + np.arange(d)).reshape(-1, m * d)
+                unknown = (points.seen.image[rays][:, :, None] * d + np.arange(d)).reshape(
+                    -1, m * d
+                )
                 q_own = known.near.symmetric(unknown[:, :, None], unknown[:, None], d)
                 y_own = y[rays].transpose(0, 2, 1, 3).reshape(-1, 3, m * d)
                 middle[at] += y_own @ q_own @ y_own.transpose(0, 2, 1)
         out = inverse.transpose(0, 2, 1) @ middle @ inverse
-        asked.out[first:last] = out[:, *_LOWER]
+        asked.out[every] = out[:, *_LOWER]
 
 
 def _sparse(values: np.ndarray, row: np.ndarray, column: np.ndarray, shape) -> csr_array:

@@ -99,8 +99,8 @@ class Control(NamedTuple):
 
 
 class Scene(NamedTuple):
-    """A problem at a state, as far as some of its points need it. points (n, 3) m; loss: its kind
-    and width, on the length of an image residual in sigmas."""
+    """A problem at a state, as far as its points first..last need it. points (n, 3) m, all; loss:
+    its kind and width, on the length of an image residual in sigmas."""
 
     points: np.ndarray
     observations: Observations
@@ -110,6 +110,8 @@ class Scene(NamedTuple):
     columns: Columns
     control: Control
     loss: tuple
+    first: int
+    last: int
 
 
 class Storage(NamedTuple):

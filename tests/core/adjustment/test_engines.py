@@ -1,6 +1,7 @@
 """Both engines find the same numbers: each a form of the mathematics that knows nothing of the
 other's."""
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -15,10 +16,19 @@ from test_distances import flown as with_distances
 from with_effects import EVERY, OF_RIGS, ONE, at_scale, flown, started
 
 import corridor
-from corridor.core.adjustment import Covariance, Design, LinearSystem, Loss, Sets, make_problem
+from corridor.core.adjustment import (
+    Covariance,
+    Design,
+    LinearSystem,
+    Loss,
+    Normal,
+    Sets,
+    make_problem,
+)
 from corridor.core.adjustment.regression import point_regression
 from corridor.core.effects import every_effect
 from corridor.core.engine import interface
+from corridor.core.engine.memory import InPlace
 from corridor.core.errors import InputError
 from corridor.core.simulation import add_noise
 
@@ -236,3 +246,65 @@ def test_without_numba_the_plain_engine_finds_the_same_and_one_sentence_says_so(
     assert said[0].stderr.count("numba cannot be used") == 1
     assert "install numba 0.64 to 0.68 for large blocks" in said[0].stderr
     assert not said[1].stderr
+
+
+@pytest.mark.slow
+def test_the_adjustments_tests_pass_with_the_plain_engine():
+    here = Path(__file__)
+    files = sorted(set(here.parent.glob("test_*.py")) - {here})
+    run = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-x", "-m", "not slow", *map(str, files)],
+        cwd=Path(corridor.__file__).parents[1], capture_output=True, text=True,
+        env=os.environ | {interface.VARIABLE: "plain"},
+    )  # fmt: skip
+    assert run.returncode == 0, run.stdout[-3000:]
+
+
+# --- one thing in place of another --------------------------------------------------------------
+
+
+class TestInPlace:
+    def made(self):
+        asked = []
+
+        def make(name):
+            return lambda before: asked.append((name, before)) or f"{name} of {before}"
+
+        return InPlace(equations=make("equations"), factor=make("factor")), asked
+
+    def test_what_has_gone_is_made_anew(self):
+        memory, asked = self.made()
+        assert memory.get("factor") == memory.get("factor") == "factor of equations of None"
+        assert len(asked) == 2
+        assert memory.get("equations") == "equations of None" and len(asked) == 3
+
+    def test_what_is_taken_is_nobody_elses(self):
+        memory, asked = self.made()
+        memory.put("factor", "mine")
+        assert memory.take("factor") == "mine" and not asked
+        assert memory.get("factor") == "factor of equations of None"
+
+    def test_what_fails_to_be_made_leaves_nothing_spoilt(self):
+        memory, asked = self.made()
+        memory._makers["factor"] = lambda before: 1 / 0
+        for _ in range(2):
+            with pytest.raises(ZeroDivisionError):
+                memory.get("factor")
+        assert asked == [("equations", None)] * 2
+
+
+@pytest.mark.parametrize("storage", ["band", "sparse"])
+@pytest.mark.parametrize("name", interface.NAMES)
+def test_a_factor_whose_place_is_taken_finds_no_wrong_numbers(name, storage, monkeypatch):
+    monkeypatch.setenv(interface.VARIABLE, name)
+    problem = make_problem(strip())
+    normal = Normal(problem, Loss(), storage=storage)
+    normal.assemble(problem.start, 0.0)
+    factor = normal.factor()
+    right = np.ones((problem.image_count * problem.d, 1)), np.ones((problem.shared_count, 1))
+    before = factor.solve(*right)
+    normal.assemble(problem.start, 0.0)
+    with pytest.raises(RuntimeError, match="the factor is gone"):
+        factor.solve(*right)
+    after = normal.factor().solve(*right)
+    assert all(np.array_equal(a, b) for a, b in zip(before, after, strict=True))

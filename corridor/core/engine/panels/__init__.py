@@ -28,42 +28,37 @@ class Panels:
     def ready() -> bool:
         return is_kept(covariances)
 
-    def residuals(self, first: int, last: int, scene: Scene, out: np.ndarray) -> np.ndarray:
+    def residuals(self, scene: Scene, out: np.ndarray) -> np.ndarray:
         room = rays.make_room(BLOCK + self.longest, 6, 0)
-        return np.array(look(first, last, scene, out, room))
+        return np.array(look(scene.first, scene.last, scene, out, room))
 
-    def rows(
-        self, first: int, last: int, scene: Scene, row: np.ndarray, weight: np.ndarray
-    ) -> Rays:
+    def rows(self, scene: Scene, row: np.ndarray, weight: np.ndarray) -> Rays:
         start, d, wide = scene.observations.start, self.d, scene.columns.wide
+        first, last = scene.first, scene.last
         room = rays.make_room(self.longest, d, wide)
         n = 2 * int(start[last] - start[first])
         own, point, shared = np.zeros(n * d), np.zeros(n * 3), np.zeros(n * wide)
         root = np.zeros((last - first, 6))
         out = Out(own, point, shared, root)
-        rows_for(d, self.sighted)(first, last, scene, weight, out, room)
+        rows_for(d, self.sighted)(scene.first, scene.last, scene, weight, out, room)
         image = scene.observations.image[start[first] : start[last]]
         begin = start[first : last + 1] - start[first]
         made = own.reshape(n, d), point.reshape(n, 3), shared.reshape(n, wide)
         return Rays(image, begin, *made, root, row)
 
-    def assemble(
-        self, first: int, last: int, scene: Scene, damping: float, into: Equations
-    ) -> np.ndarray:
+    def assemble(self, scene: Scene, damping: float, into: Equations) -> np.ndarray:
         totals = np.zeros(3)
         kernel = _assemble_for(self.d, self.sighted)
-        kernel(first, last, scene, damping, into, totals, self.longest)
+        kernel(scene.first, scene.last, scene, damping, into, totals, self.longest)
         return totals
 
     def factor(self, band: np.ndarray, ld: int, n: int) -> triangular.Factor:
         return triangular.Factor(band, ld, n)
 
-    def substitute(
-        self, first: int, last: int, scene: Scene, damping: float, step: Step, moved: np.ndarray
-    ) -> np.ndarray:
+    def substitute(self, scene: Scene, damping: float, step: Step, moved: np.ndarray) -> np.ndarray:
         totals = np.zeros(2)
         kernel = _substitute_for(self.d, self.sighted)
-        kernel(first, last, scene, damping, step, moved, totals, self.longest)
+        kernel(scene.first, scene.last, scene, damping, step, moved, totals, self.longest)
         return totals
 
     def follow(self, rays: Rays, left: np.ndarray, to: Passing) -> None:
@@ -74,7 +69,5 @@ class Panels:
     ) -> None:
         invert_within(band, n, ld, left, right)
 
-    def point_covariance(
-        self, first: int, last: int, scene: Scene, known: Inverse, asked: Asked
-    ) -> None:
-        point_covariance(first, last, scene, self.d, known, self.longest, asked)
+    def point_covariance(self, scene: Scene, known: Inverse, asked: Asked) -> None:
+        point_covariance(scene.first, scene.last, scene, self.d, known, self.longest, asked)
