@@ -29,7 +29,7 @@ from corridor.core.simulation import Simulated as Simulated
 from corridor.core.simulation import Start as Start
 from corridor.diagnosis import Diagnosis as Diagnosis
 from corridor.diagnosis import Settings as Settings
-from corridor.diagnosis.rounds import Question as Question
+from corridor.diagnosis.forward_selection import Question as Question
 from corridor.interface import figures as figures
 from corridor.tools import certificate as certificate
 from corridor.tools import data as data

@@ -1,9 +1,11 @@
 """What `import corridor` offers: a function for each command, and what one types first."""
 
+import ast
 import re
 import subprocess
 import sys
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -110,3 +112,17 @@ def test_words_of_the_code_in_the_glossary_are_words_of_the_code():
     files = (ROOT / "corridor").rglob("*.py")
     used = set(re.findall(r"\w+", " ".join(file.read_text(encoding="utf-8") for file in files)))
     assert len(named) > 3 and named <= used
+
+
+def test_every_import_finds_its_name():
+    """Also those inside functions, which nobody meets before the function is called."""
+    lost = []
+    for file in (ROOT / "corridor").rglob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("corridor"):
+                room = import_module(node.module)
+                for name in (one.name for one in node.names):
+                    inside = hasattr(room, "__path__") and find_spec(f"{node.module}.{name}")
+                    if not (hasattr(room, name) or inside):
+                        lost.append(f"{file.relative_to(ROOT)}, line {node.lineno}: {name}")
+    assert lost == []

@@ -30,6 +30,8 @@ _MOST = 0.4
 _NEARER = 0.1
 # Median of the length of three errors of standard deviation 1.
 _OF_THREE = 1.538
+# A position is off alone from here on, in its sigmas, and among so many times as many others.
+_ALONE, _LONE = 2.0 * OUTLIER, 0.05
 _ROUNDS = 4
 _FEW = 3
 _NAMED = 5
@@ -81,8 +83,10 @@ def _without_positions(result: Adjustment, again: Again, notes: list[str]) -> Ad
     flights = []
     for number in np.unique(flight):
         mine = length[flight == number]
-        far = np.count_nonzero(mine > GROSS * max(np.median(mine) / _OF_THREE, 1.0))
-        if 0 < far < _MOST * len(mine):
+        scaled = mine / max(np.median(mine) / _OF_THREE, 1.0)
+        far, alone = (np.count_nonzero(scaled > limit) for limit in (GROSS, _ALONE))
+        # One of many that is off is a false fix, long before a block of them would be.
+        if 0 < far < _MOST * len(mine) or 0 < alone <= _LONE * len(mine):
             flights.append(str(p.images.flight_names[number]))
     if not flights:
         return result

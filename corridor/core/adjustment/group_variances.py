@@ -498,12 +498,18 @@ def _told_false(names: np.ndarray, miss: np.ndarray, size: float) -> str:
     by = (
         f"by one vector ({vector} m)"
         if together and len(names) > 2
-        else "by up to " + (f"{np.linalg.norm(miss, axis=1).max():.2f} m")
+        else f"by {'up to ' * (len(names) > 1)}{np.linalg.norm(miss, axis=1).max():.2f} m"
     )
     cause = ": a float solution, or a lost fix?" if len(names) > 2 else ": a false fix?"
+    one = len(names) == 1
+    aside = (
+        f"It is set aside, with a standard deviation {size:.0f} times as large; --reject-gnss "
+        "takes it out."
+        if one
+        else f"They are set aside, with standard deviations {size:.0f} times as large; "
+        "--reject-gnss takes them out."
+    )
     return (
-        f"{counted(len(names), 'GNSS position')} disagree{'s' * (len(names) == 1)} with all others "
-        f"{by}, {size:.0f} times the stated standard deviations ({some(list(names), 5)}){cause} "
-        f"They are set aside, with standard deviations {size:.0f} times as large; --reject-gnss "
-        "takes them out."
+        f"{counted(len(names), 'GNSS position')} disagree{'s' * one} with all others {by}, "
+        f"{size:.0f} times the stated standard deviations ({some(list(names), 5)}){cause} {aside}"
     )

@@ -14,7 +14,7 @@ import numpy as np
 from corridor.core.block import Block
 from corridor.core.effects import EffectValues
 from corridor.core.geometry import jackknife, sigma_by_test
-from corridor.diagnosis.evidence.evidence import Evidence, Spectrum
+from corridor.diagnosis.evidence.evidence import Evidence, Spectrum, inverted
 from corridor.diagnosis.evidence.profile_likelihood import signs
 from corridor.diagnosis.findings.findings import Estimate, Findings, Unknown
 from corridor.diagnosis.findings.location import locate
@@ -332,7 +332,7 @@ def detection_limits(one: Round) -> dict[str, dict[str, float | None]]:
         core = evidence.reduced.M if n in found and not others else core
         M = core[np.ix_(group.columns, group.columns)] / evidence.inflation[n]
         times = through_noise if _like_noise(one, n) else SETTINGS.detection_sigma
-        sigma = np.sqrt(np.diag(np.linalg.inv(M + np.eye(len(M)))))
+        sigma = np.sqrt(inverted(M + np.eye(len(M)))[0].diagonal())
         for k, (_, name, _) in enumerate(group.labels):
             size = times * sigma[k] / np.sqrt(max(1.0 - sigma[k] ** 2, 1e-30))
             # Where no size that happens would be seen, the prior is all that is known.

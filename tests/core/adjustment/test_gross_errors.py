@@ -111,3 +111,25 @@ def test_a_robust_loss_ends_where_one_point_slides():
     # Whoever goes on from there moves no image: by 0.2 mm, of positions good to 10.
     again = corridor.adjust(found.start_again, loss="huber:2")
     assert np.abs(again.pose[:, :3] - found.pose[:, :3]).max() < 2e-4
+
+
+def test_one_false_fix_among_many_is_set_aside_long_before_a_block_would_be():
+    block = flown(23)
+    row = block.gnss.index[7]
+    block.gnss.loc[row, "z"] += 0.4
+    found = corridor.diagnose(block)
+    name = block.gnss["image"][row]
+    assert found.verdict == "nothing"
+    assert any("1 GNSS position disagrees" in note and name in note for note in found.notes)
+
+
+def test_one_mark_that_is_gross_accuses_no_control():
+    block = flown(90)
+    row = block.marks.index[5]
+    block.marks.loc[row, "x"] += 20.0
+    found = corridor.adjust(block)
+    mark = block.marks.loc[row]
+    told = f"1 mark set aside, far from where all else puts the point: {mark['point']} in"
+    assert any(told in note for note in found.notes)
+    assert not any("Ground control is wrong" in warning for warning in found.warnings)
+    assert accuracy(found) < 0.02
