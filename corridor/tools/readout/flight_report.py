@@ -98,7 +98,8 @@ class FlightReadout:
     @property
     def advises(self) -> bool:
         """Whether there are photographs worth taking: by which the sigma would fall by a fifth."""
-        return self.advice is not None and self.advice.sigma <= 0.8 * self.sigma
+        known = self.at_once or self.advice is None
+        return not known and self.advice.sigma <= 0.8 * self.sigma
 
     @property
     def told(self) -> bool:

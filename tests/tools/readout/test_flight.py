@@ -134,6 +134,7 @@ class TestRefused:
         said = changed(found, readout=0.030, sigma=0.001, eight=0.030, at_once="its maker")
         assert not said.told and "is no readout time" in said.reasons[0]
         assert use(said)[:2] == (0.0, 0.0) and "its maker" in use(said)[2]
+        assert not said.advises and "Four more photographs" not in str(said)
         none = changed(found, readout=0.0004, sigma=0.0004, at_once="its maker", published=())
         assert none.told and "shows no rolling shutter" in str(none) and use(none)[0] == 0.0
 
