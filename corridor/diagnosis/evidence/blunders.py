@@ -21,6 +21,7 @@ from itertools import combinations
 import numpy as np
 from scipy.linalg import pinvh
 from scipy.special import chdtrc
+from scipy.stats import chi2
 
 from corridor.diagnosis.evidence.evidence import Beside, Evidence
 from corridor.diagnosis.settings import SETTINGS
@@ -78,16 +79,25 @@ def blunders(evidence: Evidence) -> Blunders:
         found = also
     if found is None:
         return Blunders()
-    near = 2.0 * SETTINGS.look_alike_log_odds
     alike = [
         one
         for one in (*singles, *pairs)
-        if one.statistic > found.statistic - near
+        if _log_odds(found, one) < SETTINGS.look_alike_log_odds
         and one.chance < SETTINGS.control_level
         and not _holds(one, found)
         and not _holds(found, one)
     ]
     return Blunders(found, tuple(sorted(alike, key=lambda one: -one.statistic)))
+
+
+def _log_odds(one: Wrong, other: Wrong) -> float:
+    """Log odds of one hypothesis against another: by what chance would leave of each, and by the
+    rate at which points are wrong, which two are more rarely than one."""
+    usual = np.log((1.0 - SETTINGS.wrong_control) / SETTINGS.wrong_control)
+    left = [
+        float(chi2.logsf(w.statistic, sum(len(part) for part in w.parts))) for w in (one, other)
+    ]
+    return left[1] - left[0] + (len(other.points) - len(one.points)) * usual
 
 
 def stands(evidence: Evidence, wrong: Wrong, beside: Mapping[int, float]) -> bool:
