@@ -65,10 +65,11 @@ def _global_table() -> dict[str, GlobalShutter]:
     """By the names that a camera goes by."""
     rows = [
         GlobalShutter(
-            **row | {"shortest_s": float(row["shortest_s"]) if row["shortest_s"] else None}
+            row["make"], row["model"], row["product"], row["picture"],
+            float(row["shortest_s"]) if row["shortest_s"] else None, row["source"],
         )
         for row in csv.DictReader(_lines(_GLOBAL))
-    ]
+    ]  # fmt: skip
     return {
         _plain(name): row
         for row in rows

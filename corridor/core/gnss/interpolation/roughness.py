@@ -27,7 +27,7 @@ _FEWEST, _ALIKE = 20, 0.05
 _CHANCE = 2 * np.sqrt(2 * 3 / 0.37)
 
 
-def between(time: np.ndarray, position: np.ndarray, sigma: np.ndarray) -> float:
+def between(time: np.ndarray, position: np.ndarray, sigma: float) -> float:
     """Standard deviation, m, of a position in the middle between epochs, noise included.
 
     time (n,) s; position (n, k) m, of axes alike; sigma: of the noise of one epoch, m. 0 where
