@@ -166,6 +166,7 @@ def known_otherwise(time, y, stated):
     gnss = SimpleNamespace(
         image=np.arange(count), sigma=np.tile(stated, (count, 1)) * np.ones(3), residual=y
     )
+    narrow = SimpleNamespace(image_count=count, bandwidth=1)
     labels = [("block", axis, "m") for axis in "xyz"]
     effect = SimpleNamespace(slug="e0", generic=False, place="antenna", group="block")
     group = Group("e0", effect, None, np.arange(3), np.ones(3), labels)
@@ -173,7 +174,7 @@ def known_otherwise(time, y, stated):
         np.zeros((0, 3)), np.zeros((3, 3)), np.zeros(3), np.tile(np.eye(3), (count, 1)), np.zeros(3)
     )
     return Equations(
-        SimpleNamespace(images=images, gnss=gnss), csc_array((0, 0)), np.zeros(0),
+        SimpleNamespace(images=images, gnss=gnss, problem=narrow), csc_array((0, 0)), np.zeros(0),
         csr_array((3 * count, 0)), core, [], [], {}, [group], np.zeros(0, int), np.zeros(0, int),
         np.arange(3), [], np.ones(3),
     )  # fmt: skip

@@ -78,10 +78,10 @@ class TestSensitivity:
             assert moved == ([] if name == "default" else [name.partition(" x ")[0]])
 
     def test_chances_stay_chances_and_counts_stay_counts(self):
-        every = protocol.halved_and_doubled(["control_level", "most_groups", "unknown_sigma_share"])
+        every = protocol.halved_and_doubled(["control_level", "most_groups", "cost_ratio"])
         assert every["most_groups x 2"].most_groups == 2 * Settings().most_groups
         assert isinstance(every["most_groups x 0.5"].most_groups, int)
-        assert 0.99 < every["unknown_sigma_share x 2"].unknown_sigma_share < 1.0
+        assert 0.97 < every["cost_ratio x 2"].cost_ratio < 1.0
 
     def test_a_name_that_is_no_setting_is_refused(self):
         with pytest.raises(InputError, match="no speed"):

@@ -255,15 +255,6 @@ class TestWriting:
         with pytest.raises(InputError, match=r"without diagnosis.json.*name a new folder"):
             diagnosis.save(tmp_path)
 
-    def test_what_is_only_suspected_changes_no_block(self, diagnosis, tmp_path, quick, monkeypatch):
-        monkeypatch.setattr(diagnosis.findings.effects[0], "kind", "suspected")
-        diagnosis.save(tmp_path / "out")
-        corrected = corridor.read(tmp_path / "out" / "corrected")
-        given = diagnosis.block.tie_points[["x", "y"]].to_numpy()
-        assert np.array_equal(corrected.tie_points[["x", "y"]].to_numpy(), given)
-        result = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
-        assert result["written"] == []
-
 
 def told(
     verdict, effects=(), unknown=(), check=(0.0195, 0.0041), tie=(0.279, 0.272), limits=None,
@@ -274,7 +265,7 @@ def told(
         SimpleNamespace(
             verdict=verdict, block=None, level=0.01, alarms=[], untestable=[], check_sigmas=None,
             p_nothing=p_nothing, halves=Halves(),
-            course=SimpleNamespace(candidates=SimpleNamespace(effects=[])),
+            course=SimpleNamespace(candidates=SimpleNamespace(effects=[]), unasked=""),
             findings=SimpleNamespace(effects=list(effects), unknown=list(unknown)),
             detection_limits=limits or {},
             gap={

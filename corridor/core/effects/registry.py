@@ -51,7 +51,15 @@ def find(name: str) -> Effect:
     known = _known()
     if slug not in known:
         near = did_you_mean(slug, known)
-        raise InputError(f"effect {slug!r} is unknown{near}: `corridor effects` lists them all")
+        usual = ", ".join(
+            slug
+            for slug, one in sorted(known.items())
+            if not (one.generic or one.refines or one.needs_table("attitudes"))
+        )
+        raise InputError(
+            f"effect {slug!r} is unknown{near}: `corridor effects` lists them all"
+            + ("" if near else f", the usual ones are {usual}")
+        )
     return known[slug].per(group) if group else copy(known[slug])
 
 

@@ -142,12 +142,12 @@ class TestOneThatIsNone:
     @pytest.mark.parametrize(
         ("changes", "words"),
         [
-            ({"place": "picture"}, "place = 'picture' is none.* camera, image, motion, antenna"),
+            ({"place": "picture"}, "place = 'picture' is unknown.* camera, image, motion, antenna"),
             ({"place": "images"}, "did you mean image"),
             ({"title": ""}, "has no title: write title = "),
             ({"called": None}, "has no called"),
             ({"slug": "My Ripple"}, "lower case"),
-            ({"group": "week"}, "group = 'week' is none"),
+            ({"group": "week"}, "group = 'week' is unknown"),
             ({"needs": "images.time_s"}, "needs is a tuple"),
         ],
     )

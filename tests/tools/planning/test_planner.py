@@ -310,7 +310,7 @@ class TestControlPoints:
         assert error[best] == min(error.values())
 
     def test_more_points_than_there_are_have_no_best_places(self, small):
-        with pytest.raises(InputError, match="39 candidates are there"):
+        with pytest.raises(InputError, match="there are 39 candidates"):
             small.best(40)
 
     def test_a_check_point_that_controls_checks_no_more(self, small):
@@ -333,7 +333,7 @@ class TestControlPoints:
             ([(5000.0, 0.0)], "seen in 0 images"),
             ([("a", "b")], "is not a point"),
             (-1, "-1 control points"),
-            (1000, "39 candidates are there"),
+            (1000, "there are 39 candidates"),
             (lambda p: list(p.check_points["point"]), "every check point is control"),
         ],
     )
