@@ -660,6 +660,8 @@ class LinearSystem:
     def _factorised(self, normal: Normal) -> Bordered:
         self._memory.put("equations", normal)
         self.right, self.reference  # noqa: B018, small, and gone with the matrix
+        # Where there is no factor, what was to become it is spoilt.
+        self._memory.forget()
         with one_thread():
             return normal.factor()
 

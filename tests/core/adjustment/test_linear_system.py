@@ -7,7 +7,7 @@ import pytest
 from dense_jacobian import jacobian, weighted
 from strips import corridor_block
 
-from corridor.core.adjustment import LinearSystem, Loss, Normal, make_problem, solve
+from corridor.core.adjustment import LinearSystem, Loss, Normal, Singular, make_problem, solve
 from corridor.core.effects import find
 from corridor.core.simulation import add_noise
 
@@ -265,3 +265,16 @@ def test_the_null_space_of_a_free_network_is_its_seven_motions():
     motion = system.motions / np.linalg.norm(system.motions, axis=0)
     reference = np.abs(motion).T @ (system.reference[:, None] * np.abs(motion))
     assert np.abs(motion.T @ (system.matrix @ motion)).max() < 1e-9 * reference.max()
+
+
+def test_a_factor_that_fails_leaves_no_spoilt_equations_behind():
+    """Factorised in place as far as it went: who asks what is singular needs the equations."""
+    problem = make_problem(
+        add_noise(corridor_block(**SMALL | {"gnss": False}), **NOISE), control=[]
+    )
+    system = LinearSystem(problem, problem.start, Loss())
+    other = LinearSystem(problem, problem.start, Loss())
+    with pytest.raises(Singular):
+        _ = system.factor
+    x = np.random.default_rng(1).normal(size=(len(system.columns), 2))
+    assert np.array_equal(system.multiply(x), other.multiply(x))
