@@ -11,13 +11,15 @@ from corridor.diagnosis.findings.findings import Estimate
 from corridor.diagnosis.verification.held_out import untold
 
 
-def asked(value, sigma, fitted, slug="rolling_shutter", name="readout", unit="s", where=None):
+def asked(
+    value, sigma, fitted, slug="rolling_shutter", name="readout", unit="s", where=None, own=0.004
+):
     """Why the size of an effect cannot be told, by its estimate and an adjustment with it."""
     row = {"name": name, "value": value, "sigma": sigma, "unit": unit}
     one = Estimate(slug, "named", 20.0, [row], key=slug, where=where or {})
     table = pd.DataFrame(
-        [(slug, name, group, v) for group, v in fitted.items()],
-        columns=["slug", "parameter", "group", "value"],
+        [(slug, name, group, v, own) for group, v in fitted.items()],
+        columns=["slug", "parameter", "group", "value", "sigma"],
     )
     fit = SimpleNamespace(start=corridor_block(images=6), effects=table)
     return untold(one, effect_of(slug), fit)
@@ -41,6 +43,10 @@ class TestUntold:
     def test_a_small_change_of_a_sure_value_does_not(self):
         """Noise of the GNSS that one fit knows of moves a value by many of its sigmas."""
         assert asked(0.0248, 0.0002, {"block": 0.0300}) == ""
+
+    def test_what_the_adjustment_does_not_determine_denies_nothing(self):
+        """A bend that the search left near nothing, and the adjustment leaves free."""
+        assert asked(2e-5, 1e-4, {"block": 0.1}, own=0.08) == ""
 
     def test_a_large_change_of_an_unsure_value_does_not(self):
         assert asked(0.010, 0.010, {"block": 0.045}) == ""

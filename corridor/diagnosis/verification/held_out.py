@@ -226,7 +226,7 @@ def untold(one: Estimate, effect: Effect, fit: Adjustment) -> str:
     rows = fit.effects[fit.effects["slug"] == one.slug]
     if one.where:
         rows = rows[rows["group"].astype(str).isin([str(name) for name in one.where.values()])]
-    fitted = dict(zip(rows["parameter"], rows["value"], strict=True))
+    fitted = rows.set_index("parameter")[["value", "sigma"]].T.to_dict("list")
     for told in one.parameters:
         name, value, sigma = told["name"], told["value"], told["sigma"]
         factor, unit = scaled(told["unit"], value, sigma, name=name)
@@ -234,8 +234,10 @@ def untold(one: Estimate, effect: Effect, fit: Adjustment) -> str:
             return f"{name} would be {factor * value:.3g} {unit}, and none is beyond " + (
                 f"{factor * most[name]:.3g} {unit}".strip()
             )
-        other = fitted.get(name, value)
-        if one.values is None and abs(other - value) > max(OUTLIER * sigma, 0.5 * abs(value)):
+        other, own = fitted.get(name, (value, 0.0))
+        # What neither of the two determines is no value that was told.
+        chance = OUTLIER * float(np.hypot(sigma, own))
+        if one.values is None and abs(other - value) > max(chance, 0.5 * abs(value)):
             return f"{name} is {factor * value:.3g} {unit} by the equations of one fit, and " + (
                 f"{factor * other:.3g} {unit} in the next".replace("  ", " ")
             )
