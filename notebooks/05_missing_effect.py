@@ -21,7 +21,7 @@
 # This chapter takes three flights in which something is hidden, and finds it. They were made by a
 # program that shares no line of physics with this package: its drone flies a continuous curve, its
 # lens is not Fraser's, its noise has tails, and its truth lies sealed in a file beside the block
-# that we open last. Then come real ones: a flight of which three causes are named and one is not,
+# that we open last. Then come real ones: a flight of which two causes are named and one is not,
 # and one in which something is hidden for you. Chapter 5b is a game, and chapter 5c takes a
 # published survey whose tables do not come out.
 #
@@ -495,7 +495,7 @@ pd.DataFrame(
 )  # fmt: skip
 
 # %% [markdown]
-# ## 9. A real flight: three causes named, one is not
+# ## 9. A real flight: two causes named, one is not
 #
 # Seventy-six photographs of a Phantom 4 over a small plot, flown to and fro, its position by an
 # ordinary GNSS, the speed of each exposure from the file's own header. Its camera is on a
@@ -518,7 +518,7 @@ picture
 
 # %% [markdown]
 # The gap shrinks, and it does not close: many statistics stay outside their bands, where a
-# twentieth would by chance. Three causes are named. Is the model right now? Ask a number that the
+# twentieth would by chance. Two causes are named. Is the model right now? Ask a number that the
 # diagnosis has not used: the focal length, which the data sheet knows. Guess: does each named cause
 # bring it nearer?
 
@@ -532,7 +532,7 @@ if special is not None:
     tried = {
         "as believed": {},
         "with shutter and clock": {"effects": two},
-        "... and rotation: all that is named": {"effects": [*two, "rolling_shutter_rotation"]},
+        "... and rotation": {"effects": [*two, "rolling_shutter_rotation"]},
         "... and an uneven sensor": {
             "effects": [*two, "rolling_shutter_rotation", "sensor_unflatness"],
             "priors": uneven,
@@ -572,9 +572,9 @@ else:
 picture
 
 # %% [markdown]
-# With shutter and clock alone the focal length even moves away from the data sheet, and with all
-# that is named it comes halfway. Only with a sensor that is uneven by half a pixel does it arrive,
-# within little more than its sigma. The diagnosis sees that shape too ("outside the catalogue"),
+# With shutter and clock, which are named, the focal length even moves away from the data sheet; a
+# rotation while the rows are read only brings it back. With a sensor that is uneven by half a pixel
+# it arrives, within little more than its sigma. The diagnosis sees that shape too ("outside the catalogue"),
 # and rightly does not call it a cause: nothing in this flight separates a sensor from a lens.
 #
 # And all that this flight knows of its readout it knows from nine photographs at the ends of the

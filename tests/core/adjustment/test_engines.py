@@ -250,8 +250,9 @@ def test_without_numba_the_plain_engine_finds_the_same_and_one_sentence_says_so(
 
 @pytest.mark.slow
 def test_the_adjustments_tests_pass_with_the_plain_engine():
-    here = Path(__file__)
-    files = sorted(set(here.parent.glob("test_*.py")) - {here})
+    """Of what equations are, and of all that stands on them; `panels` is seven times as fast."""
+    names = ("truth", "solve", "covariance", "gnss", "correlated", "ground_variances")
+    files = [Path(__file__).with_name(f"test_{name}.py") for name in names]
     run = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-x", "-m", "not slow", *map(str, files)],
         cwd=Path(corridor.__file__).parents[1], capture_output=True, text=True,
