@@ -368,6 +368,14 @@ def _shaken(epochs: regimes.Epochs, sigma: np.ndarray, model: regimes.Model) -> 
     return out
 
 
+def _between_epochs(time: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """How far times (n,) are from epochs (m,), as the standard deviation of what happens between:
+    1 in the middle, 0 at an epoch, which measures where the drone is (a Brownian bridge)."""
+    after = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
+    share = (at - time[after - 1]) / (time[after] - time[after - 1])
+    return np.sqrt(np.clip(4.0 * share * (1.0 - share), 0.0, 1.0))
+
+
 def _smoothed(epochs, at, count, slow_share):
     origin = epochs.position[0]
     usual, excess = regimes.split(epochs.sigma, epochs.time)
@@ -377,7 +385,7 @@ def _smoothed(epochs, at, count, slow_share):
     shaken = np.zeros(3) if epochs.velocity is not None else _shaken(epochs, sigma[count:], model)
     if shaken.any():
         model = model._replace(unresolved=np.hypot(model.unresolved, shaken))
-        sigma = np.hypot(sigma, shaken)
+        sigma = np.hypot(sigma, shaken * _between_epochs(epochs.time, at)[:, None])
         # White motion up to half the rate has this speed.
         v_sigma = np.hypot(v_sigma, shaken * np.pi / model.interval_s / np.sqrt(3))
     others = sigma, velocity, v_sigma
@@ -434,8 +442,8 @@ def _of_shaken(found, pieces):
         rate = 1 / pieces["interval_s"].iloc[row.segment]
         yield (
             f"piece {row.segment + 1}, {row.group}: the drone is shaken faster than {rate:.3g} "
-            f"epochs a second can show; {1000 * row.unresolved_m:.0f} mm of it are in the sigma of "
-            "every position: use a track with more epochs a second"
+            f"epochs a second can show; {1000 * row.unresolved_m:.0f} mm of it are in the sigmas "
+            "between epochs: use a track with more epochs a second"
         )
 
 
