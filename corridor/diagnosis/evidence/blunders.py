@@ -97,7 +97,8 @@ def _log_odds(one: Wrong, other: Wrong) -> float:
     left = [
         float(chi2.logsf(w.statistic, sum(len(part) for part in w.parts))) for w in (one, other)
     ]
-    return left[1] - left[0] + (len(other.points) - len(one.points)) * usual
+    # One of more points has passed a test of what the rest adds; it owes no more.
+    return left[1] - left[0] + max(len(other.points) - len(one.points), 0) * usual
 
 
 def stands(evidence: Evidence, wrong: Wrong, beside: Mapping[int, float]) -> bool:

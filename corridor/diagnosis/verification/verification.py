@@ -161,10 +161,8 @@ class Verification:
         check, wrong = self._now.check_points, self._last.wrong
         of_points = {g.key: g for g in self._groups if g.point is not None}
         asked = bool(of_points) and len(check) > 0
-        if asked and wrong.found is None:
+        if asked and not wrong.alike:
             asked = contradicted(check_misfit(self._now), 3 * len(check))
-        elif not wrong.alike:
-            return
         if asked and self._told_by_all(of_points):
             return
         told = listed_points(self._groups, wrong.alike[: SETTINGS.most_rivals])
