@@ -575,8 +575,8 @@ picture
 # With shutter and clock, which are named, the focal length even moves away from the data sheet; a
 # rotation while the rows are read only brings it back. With a sensor that is uneven by half a pixel
 # it arrives, within little more than its sigma. The diagnosis sees that shape too ("outside the
-# catalogue"), and rightly does not call it a cause: nothing in this flight separates a sensor from a
-# lens.
+# catalogue"), and rightly does not call it a cause: nothing in this flight separates a sensor from
+# a lens.
 #
 # And all that this flight knows of its readout it knows from nine photographs at the ends of the
 # strips, where the drone stood nearly still. (Chapter 4's `readout flight` finds the same within
