@@ -50,7 +50,7 @@ def test_a_correction_stays_only_if_unseen_data_improve(tie, check, points, stay
     assert held_out.improves(without, fit(tie, check, points), ROWS) == stays
 
 
-def test_check_points_decide_and_ties_do_not():
+def test_check_points_decide_before_ties_do():
     """A rival that halves the check-point error is taken, though ties speak 1 % against it."""
     second, rivals = fit(0.300, 0.02), {"datum": fit(0.303, 0.01), "drift": fit(0.290, 0.03)}
     best, share = held_out.preferred(second, rivals, ROWS, 0.8)
@@ -58,6 +58,19 @@ def test_check_points_decide_and_ties_do_not():
     assert share["datum"] == {"check": pytest.approx(0.5), "tie": pytest.approx(1.01)}
 
 
+@pytest.mark.parametrize(
+    ("tie", "proved", "taken"), [(0.29, True, True), (0.2999, False, False), (0.31, True, False)]
+)
+def test_ties_decide_where_check_points_are_too_few(tie, proved, taken, monkeypatch):
+    """Where they are predicted better, and strip by strip by more than chance."""
+    told = SimpleNamespace(proved=proved)
+    monkeypatch.setattr(held_out.Prediction, "of_folds", lambda *_: told)
+    second, rivals = fit(0.3, 0.02, points=0), {"other": fit(tie, 0.02, points=0)}
+    best, share = held_out.preferred(second, rivals, ROWS, 0.8)
+    assert best == ("other" if taken else None)
+    assert share["other"] == {"tie": pytest.approx(tie / 0.3)}
+
+
 def test_look_alikes_that_predict_alike_change_nothing():
     second = fit(0.3, 0.02, points=0)
-    assert held_out.preferred(second, {"other": fit(0.2999, 0.02, points=0)}, ROWS, 0.8)[0] is None
+    assert held_out.preferred(second, {"other": fit(0.3, 0.02, points=0)}, ROWS, 0.8)[0] is None

@@ -21,6 +21,7 @@ from corridor.diagnosis.report import folder as writing
 from corridor.diagnosis.report import tables
 from corridor.diagnosis.report.sentence import seen_best, sentence
 from corridor.diagnosis.report.wording import placed, scaled, to_add, two_digits, value_and_sigma
+from corridor.diagnosis.verification import verification
 from corridor.diagnosis.verification.halves import Halves
 
 READOUT = 0.025
@@ -254,6 +255,18 @@ class TestWriting:
         (tmp_path / "thesis.tex").write_text("years of work")
         with pytest.raises(InputError, match=r"without diagnosis.json.*name a new folder"):
             diagnosis.save(tmp_path)
+
+    def test_what_is_only_suspected_changes_no_block(self, block, tmp_path, quick, monkeypatch):
+        """A size that cannot be told makes a suspicion of what was found, and of nothing more."""
+        monkeypatch.setattr(verification, "untold", lambda *_: "nobody knows how much it is")
+        found = diagnose(block, only="rolling_shutter")
+        assert [one["class"] for one in found.effects] == ["suspected"] and not found.used
+        found.save(tmp_path / "out")
+        corrected = corridor.read(tmp_path / "out" / "corrected")
+        given = found.block.tie_points[["x", "y"]].to_numpy()
+        assert np.array_equal(corrected.tie_points[["x", "y"]].to_numpy(), given)
+        result = json.loads((tmp_path / "out" / "diagnosis.json").read_text(encoding="utf-8"))
+        assert result["written"] == []
 
 
 def told(

@@ -247,11 +247,11 @@ def untold(one: Estimate, effect: Effect, fit: Adjustment) -> str:
 def preferred(
     second: Adjustment, rivals: dict[str, Adjustment], rows: np.ndarray, limit: float
 ) -> tuple[str | None, dict[str, dict[str, float]]]:
-    """The rival whose check points err by less than `limit` times those of `second`, if any.
+    """The rival that does clearly better than `second` where no fit has looked, if any.
 
-    Check points decide where there are enough of them; tie observations held out tell look-alikes
-    apart by less than a per cent. Also the error of each rival over that of `second`: `tie` and
-    `check`.
+    Check points decide where there are enough of them, by less than `limit` times the error; else
+    tie observations, where strip by strip they speak for it by more than chance. Also the error of
+    each rival over that of `second`: `tie` and `check`.
     """
     share: dict[str, dict[str, float]] = {}
     many = len(second.check_points) >= SETTINGS.enough_checks
@@ -260,9 +260,12 @@ def preferred(
         found = tie_gap(second, fit, rows)
         if found["before"]:
             share[key]["tie"] = found["after"] / found["before"]
-    known = {key: one["check"] for key, one in share.items() if "check" in one}
+    kind = "check" if many else "tie"
+    known = {key: one[kind] for key, one in share.items() if kind in one}
     best = min(known, key=known.get, default=None)
-    clear = best is not None and known[best] < limit
+    if best is None or known[best] >= (limit if many else 1.0):
+        return None, share
+    clear = many or Prediction.of_folds(second, rivals[best], rows).proved
     return (best if clear else None), share
 
 

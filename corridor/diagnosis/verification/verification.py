@@ -291,7 +291,7 @@ class Verification:
         self._go_on(others, bare)
 
     def _choose(self) -> None:
-        """Of what cannot be told apart, the one that check points speak for.
+        """Of what cannot be told apart, the one that check points speak for, or else held-out ties.
 
         Of effects one that predicts them clearly better; a shape of no catalogue by far better: a
         knock that moves the lens between strips flown to and fro is, to the fit, an error of the
@@ -313,8 +313,9 @@ class Verification:
                 self.rivals |= {key: told for key, told in share.items() if key in named}
                 if best is None:
                     continue
+                witness = "check points" if many else "held-out image points"
                 self.notes.append(
-                    f"The fit cannot separate {mine} and {best}; check points are predicted better "
+                    f"The fit cannot separate {mine} and {best}; {witness} are predicted better "
                     f"with {best}, so their error afterwards is no longer independent."
                 )
                 if best in drawn:
