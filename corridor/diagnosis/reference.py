@@ -29,7 +29,7 @@ CREEPING = 0.1
 # Damping, as a share of the diagonal, that shortens no step but along what nothing determines.
 HARDLY_DAMPED = 1e-6
 # What the first adjustment says of what it decided.
-_DECISIONS = ("left out", "set aside", "contradict the stated", "contradict each other")
+_DECISIONS = ("left out", "set aside", "contradict the stated", "miss each other")
 # Iterations over which the cost of one that has settled is compared.
 _LAST = 5
 

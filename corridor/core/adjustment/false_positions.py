@@ -13,14 +13,19 @@ import numpy as np
 from scipy.special import chdtri
 
 from corridor.core.adjustment.cofactors import of_antennas
-from corridor.core.adjustment.result import Adjustment, Again, from_where_it_ended
+from corridor.core.adjustment.result import (
+    Adjustment,
+    Again,
+    from_where_it_ended,
+    where_it_leads,
+)
 from corridor.core.adjustment.variance_components import (
     CONTRADICTING_FACTOR,
     contradicting,
     flights_of,
     restate,
 )
-from corridor.core.errors import AdjustmentFailed, InputError, some
+from corridor.core.errors import some
 from corridor.core.geometry import OUTLIER
 from corridor.core.output import counted
 
@@ -85,11 +90,8 @@ def false_apart(
     rows = start.gnss["image"].astype(str).isin(set(lone[false])).to_numpy()
     silent = start.copy()
     restate(silent, rows, slice(0, 3), _SILENT)
-    try:
-        apart = from_where_it_ended(result, silent, result.problem.model, again)
-    except (InputError, AdjustmentFailed):
-        return result
-    if not apart.converged:
+    apart = where_it_leads(from_where_it_ended, result, silent, result.problem.model, again)
+    if apart is None:
         return result
     table = apart.residuals["gnss"]
     miss = table.loc[false, ["vx", "vy", "vz"]].to_numpy()
@@ -154,12 +156,10 @@ def _concentrated_from(
         start = result.start.copy()
         out = start.gnss["image"].astype(str).isin(set(names[~best])).to_numpy()
         restate(start, out, slice(0, 3), _SILENT)
-        try:
-            found = from_where_it_ended(found, start, result.problem.model, again)
-        except (InputError, AdjustmentFailed):
+        later = where_it_leads(from_where_it_ended, found, start, result.problem.model, again)
+        if later is None:
             return ~best, np.inf
-        if not found.converged:
-            return ~best, np.inf
+        found = later
         length = lengths(found, sigma)
         scale = _scale(length[mine])
         before, best = best, ~mine | (length < OUTLIER * max(scale, 1.0))

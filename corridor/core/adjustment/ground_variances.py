@@ -15,11 +15,15 @@ import pandas as pd
 from scipy.special import bdtrc, chdtrc, chdtri
 
 from corridor.core.adjustment.blunders import where_seen
-from corridor.core.adjustment.result import Adjustment, Again, from_where_it_ended
+from corridor.core.adjustment.result import (
+    Adjustment,
+    Again,
+    from_where_it_ended,
+    where_it_leads,
+)
 from corridor.core.adjustment.variance_components import CONTRADICTING_FACTOR, RARE_CHANCE, general
 from corridor.core.block import Block, places
 from corridor.core.camera import projection_derivatives
-from corridor.core.errors import AdjustmentFailed, InputError
 
 _FEWEST = 6
 # Residuals of control, in sigmas, from which on covariances are worth their time.
@@ -36,11 +40,8 @@ def with_marks_as_they_are(result: Adjustment, again: Again) -> Adjustment:
     if factor == 1.0:
         return result
     start = _with_marks(result.start, factor)
-    try:
-        found = from_where_it_ended(result, start, result.problem.model, again)
-    except (InputError, AdjustmentFailed):
-        return result
-    if not found.converged:
+    found = where_it_leads(from_where_it_ended, result, start, result.problem.model, again)
+    if found is None:
         return result
     found.add_note(_told_marks(result.start, factor))
     return found
@@ -133,19 +134,20 @@ def _with_marks(block: Block, factor: float) -> Block:
 def _told_marks(block: Block, factor: float) -> str:
     stated = float(np.median(block.mark_sigma()))
     return (
-        "Marks: the rays of the same points contradict each other by more than the stated standard "
-        f"deviation; they are good to {factor * stated:.2g} px where {stated:.2g} px is stated. "
-        "Were they measured in the pictures themselves, and in all of them the same thing? mark_px "
-        "in block.toml states it."
+        "Marks: the rays to the same points miss each other by more than the stated standard "
+        f"deviation: the marks are accurate to {factor * stated:.2g} px, where {stated:.2g} px is "
+        "stated. Were they measured in other pictures, or not at the same spot in all of them? "
+        f"Otherwise state mark_px = {factor * stated:.2g} in block.toml."
     )
 
 
 def _told_control(block: Block, factor: float) -> str:
     plan, _, height = np.median(block.ground_sigma(), axis=0)
     return (
-        "Ground control: residuals contradict the stated standard deviations, and of too many "
-        f"points to call single ones wrong; it is good to {factor * plan:.2g} m in plan and "
-        f"{factor * height:.2g} m in height where {plan:.2g} and {height:.2g} m are stated. Either "
-        "these are too small (control_m in block.toml, or sx, sy, sz of ground.csv), or the model "
-        "lacks something: `corridor diagnose` finds out what."
+        "Ground control: the residuals of too many points contradict the stated standard "
+        "deviations to call single points wrong. The control is accurate to "
+        f"{factor * plan:.2g} m horizontally and {factor * height:.2g} m in height, where "
+        f"{plan:.2g} and {height:.2g} m are stated. Either state that (control_m in block.toml, or "
+        "sx, sy, sz of ground.csv), or the model lacks something: `corridor diagnose` finds out "
+        "what."
     )

@@ -23,7 +23,12 @@ from corridor.core.adjustment.model import (
     arms_unseen,
     listed_effects,
 )
-from corridor.core.adjustment.result import Adjustment, Again, from_where_it_ended
+from corridor.core.adjustment.result import (
+    Adjustment,
+    Again,
+    from_where_it_ended,
+    where_it_leads,
+)
 from corridor.core.adjustment.uncertain_motion import MotionScale
 from corridor.core.adjustment.variance_components import (
     AXES,
@@ -34,9 +39,9 @@ from corridor.core.adjustment.variance_components import (
     restate,
     slow,
 )
+from corridor.core.adjustment.warnings import FAR_SIGMAS
 from corridor.core.block import Block, turned
 from corridor.core.effects import every_effect
-from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.geometry import OUTLIER
 from corridor.core.preparation import derived, record_derived
 
@@ -57,8 +62,6 @@ _PRIOR = 3.0
 _ARM_M = 2.0
 # Residuals as large as they are stated to be say nothing against what is held.
 _LARGE_FIT = 1.1
-# An estimate this far from nothing is one.
-FAR_SIGMAS = 3.0
 # Sigmas by which an estimate is another one; five, as of outliers.
 _FOCAL_SIGMAS = 5.0
 # Heat moves a focal length by less than a thousandth; a rolling shutter of 50 ms, which takes it
@@ -294,12 +297,9 @@ def with_common_offset(result: Adjustment, again: Again, stated: np.ndarray) -> 
     }
     wider = replace(model, effects=[*listed_effects(model.effects), effect],
                     priors=priors | dict(model.priors or {}))  # fmt: skip
-    try:
-        found = from_where_it_ended(result, result.start, wider, again)
-    except (InputError, AdjustmentFailed):
-        return result
+    found = where_it_leads(from_where_it_ended, result, result.start, wider, again)
     # An offset that is not what is wrong leaves the contradiction.
-    if not found.converged or (wrong and contradicting(found)):
+    if found is None or (wrong and contradicting(found)):
         return result
     if lasting and slow(found) is not None:
         return result
@@ -389,12 +389,11 @@ def with_held_focal_asked(result: Adjustment, again: Again) -> Adjustment:
         name: ",".join(("f", *p.free.get(name, ()))) if name in held else p.free.get(name, ())
         for name in result.start.cameras
     }
-    try:
-        found = again(result.block, replace(model, camera=free))
-    except (InputError, AdjustmentFailed):
+    found = where_it_leads(again, result.block, replace(model, camera=free))
+    if found is None:
         return result
     rows = found.camera[found.camera["parameter"] == "f"].set_index("camera")
-    for name in held if found.converged else ():
+    for name in held:
         stated = result.start.cameras[name]["f"]
         f, sigma = rows.loc[name, "value"], rows.loc[name, "sigma"]
         off = f - stated

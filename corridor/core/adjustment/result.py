@@ -22,7 +22,7 @@ from corridor.core.adjustment.solving import Solution
 from corridor.core.adjustment.tables import Tables
 from corridor.core.adjustment.warnings import warnings_of
 from corridor.core.block import Block
-from corridor.core.errors import AdjustmentFailed
+from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.output import with_units
 
 Again = Callable[..., "Adjustment"]
@@ -182,6 +182,15 @@ def from_where_it_ended(
     found.start = start
     found.keep_notes(result)
     return found
+
+
+def where_it_leads(attempt: Callable[..., Adjustment], *to) -> Adjustment | None:
+    """What an attempt comes to; None where it fails, or does not converge."""
+    try:
+        found = attempt(*to)
+    except (InputError, AdjustmentFailed):
+        return None
+    return found if found.converged else None
 
 
 def not_converged(adjustment: Adjustment) -> AdjustmentFailed:

@@ -6,13 +6,10 @@ distortion are turned with a picture, and not with a start pose: both are adjust
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
-from corridor.core.adjustment.result import Adjustment
+from corridor.core.adjustment.result import Adjustment, Again, where_it_leads
 from corridor.core.block import Block
-from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.preparation import (
     quarters_of,
     turned_back,
@@ -21,7 +18,6 @@ from corridor.core.preparation import (
     without_turned_starts,
 )
 
-Again = Callable[[Block], Adjustment]
 # Ratio of likelihoods from which on one of two is taken (Jeffreys 1961: decisive), as logarithm.
 _DECISIVE = np.log(100.0)
 
@@ -38,27 +34,18 @@ def with_turns_as_seen(block: Block, again: Again) -> tuple[Block, list[str]]:
         return block, []
     posed = without_turned_starts(block, turned)
     back = turned_back(block, quarters_of(angle))
-    better = _log_odds(*(_fit(one, again) for one in (back, posed)))
+    better = _log_odds(*(where_it_leads(again, one) for one in (back, posed)))
     told = list(turned_images(block))
     if better > _DECISIVE:
         return back, [
             *told,
-            "All else fits better with the measurements turned back, which is done here: measure "
-            "in the pictures as the camera wrote them.",
+            "Everything else fits better with these measurements turned back, and so they are "
+            "turned back here: measure in the pictures as the camera wrote them.",
         ]
-    end = "Their orientation is found anew from the tie points"
+    end = "Their orientation is computed from the tie points"
     if better < -_DECISIVE:
-        return posed, [*told, f"{end}: all else fits better so, and the start poses are wrong."]
-    return posed, [*told, f"{end}; whether the pictures are turned the measurements do not tell."]
-
-
-def _fit(block: Block, again: Again) -> Adjustment | None:
-    """The block adjusted; None where that leads nowhere."""
-    try:
-        found = again(block)
-    except (InputError, AdjustmentFailed):
-        return None
-    return found if found.converged else None
+        return posed, [*told, f"{end}: everything else fits better so; the start poses are wrong."]
+    return posed, [*told, f"{end}; the measurements do not show whether the pictures are turned."]
 
 
 def _log_odds(one: Adjustment | None, other: Adjustment | None) -> float:

@@ -330,8 +330,8 @@ def _displaced(block: Block, antenna: np.ndarray, centres: np.ndarray) -> str:
     which = "image" if abs(best) == 1 else f"{abs(best)} images"
     return (
         f"gnss.csv gives each image the position of the {which} {'after' if best > 0 else 'before'}"
-        f" it: so its positions lie {away[best]:.1f} m (median) from those of images.csv, and "
-        f"{away[0]:.1f} m as they are given. Was a photograph deleted, or a position lost? Give "
+        f" it: read so, its positions lie {away[best]:.1f} m (median) from those of images.csv; as "
+        f"given, {away[0]:.1f} m. Was a photograph deleted, or a position lost? Give "
         "each image its own."
     )
 

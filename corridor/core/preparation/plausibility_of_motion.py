@@ -81,9 +81,9 @@ def _disordered(block: Block) -> Iterator[str]:
         by_name = np.array(sorted(mine, key=lambda n: _key(names[n])))
         if way > _TO_AND_FRO * _way(centre[by_name]):
             yield (
-                f"images.csv: in the order of time_s flight {called} jumps to and fro, "
-                f"{way / 1000:.2g} km in all, and in the order of the names of its images "
-                f"{_way(centre[by_name]) / 1000:.2g} km: have the images each other's times?"
+                f"images.csv: in the order of time_s, flight {called} jumps to and fro over "
+                f"{way / 1000:.2g} km; in the order of the image names it is "
+                f"{_way(centre[by_name]) / 1000:.2g} km long. Do images have each other's times?"
             )
 
 

@@ -83,8 +83,8 @@ def _off_by(d: Diagnosed) -> tuple[str, str]:
     if found is None and together is not None and len(d.after.system.control_names) > 2:
         vector = ", ".join(f"{1000.0 * value:+.0f}" for value in together)
         return by, (
-            f" But all check points lie ({vector}) mm from where they are given, together: were "
-            "they surveyed from another base than the ground control, or in another height system?"
+            f" But all check points lie off by the same vector, ({vector}) mm: were they surveyed "
+            "from another base than the ground control, or in another height system?"
         )
     if found is None:
         return by, ""

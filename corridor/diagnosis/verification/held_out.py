@@ -226,7 +226,8 @@ def untold(one: Estimate, effect: Effect, fit: Adjustment) -> str:
     rows = fit.effects[fit.effects["slug"] == one.slug]
     if one.where:
         rows = rows[rows["group"].astype(str).isin([str(name) for name in one.where.values()])]
-    fitted = rows.set_index("parameter")[["value", "sigma"]].T.to_dict("list")
+    pairs = zip(rows["value"], rows["sigma"], strict=True)
+    fitted = dict(zip(rows["parameter"], pairs, strict=True))
     for told in one.parameters:
         name, value, sigma = told["name"], told["value"], told["sigma"]
         factor, unit = scaled(told["unit"], value, sigma, name=name)

@@ -33,7 +33,7 @@ def test_marks_worse_than_stated_accuse_no_control(seed):
     found = corridor.adjust(block)
     (told,) = about(found.notes, "Marks:")
     assert "where 0.3 px is stated" in told
-    seen = float(told.split("good to ")[1].split(" px")[0])
+    seen = float(told.split("accurate to ")[1].split(" px")[0])
     assert seen == pytest.approx(4.0, rel=0.35)
     assert not any("Ground control is wrong" in warning for warning in found.warnings)
     # Weights are as stated: whoever states them may be answered by their digits.
@@ -50,7 +50,7 @@ def test_control_worse_than_stated_is_told_as_a_whole():
     found = corridor.adjust(noisy_control(flown(45), 0.03, 0.001))
     (told,) = about(found.notes, "Ground control:")
     assert "where 0.001 and 0.001 m are stated" in told
-    assert 0.008 < float(told.split("good to ")[1].split(" m")[0]) < 0.06
+    assert 0.008 < float(told.split("accurate to ")[1].split(" m")[0]) < 0.06
     wrong = [w for w in found.warnings if w.startswith("Ground control is wrong")]
     assert sum(w.count(";") + 1 for w in wrong) <= 1
 

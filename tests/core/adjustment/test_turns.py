@@ -49,7 +49,7 @@ def test_pictures_that_a_viewer_turned_are_turned_back(which, turn):
     block = flown(50)
     right = accuracy(corridor.adjust(block))
     found = corridor.adjust(viewed(block, which, turn))
-    assert any("turned back, which is done here" in note for note in found.notes)
+    assert any("so they are turned back here" in note for note in found.notes)
     assert not any("ground point" in note and "set aside" in note for note in found.notes)
     assert accuracy(found) == pytest.approx(right, abs=1e-4)
 
@@ -70,4 +70,4 @@ def test_a_wrong_yaw_is_the_start_poses_own():
 def test_a_diagnosis_of_turned_pictures_finds_no_effect():
     found = corridor.diagnose(viewed(flown(50), slice(12, 24), 2))
     assert found.verdict == "nothing"
-    assert any("turned back, which is done here" in note for note in found.notes)
+    assert any("so they are turned back here" in note for note in found.notes)
