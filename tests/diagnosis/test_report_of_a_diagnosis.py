@@ -122,6 +122,17 @@ class TestAnswer:
         assert "`corridor adjust BLOCK --effect rolling_shutter -o OUT2`" in diagnosis.actions[0]
         assert diagnosis.to_dict()["actions"] == diagnosis.actions
 
+    @pytest.mark.parametrize("slug", ["rolling_shutter", "image_deformation", "focal_drift"])
+    def test_a_command_is_advised_that_runs(self, diagnosis, block, slug, monkeypatch):
+        """Beside a free lens a deformation of the picture needs a prior, which BLOCK has not."""
+        monkeypatch.setattr(diagnosis, "used", [slug])
+        (step,) = [one for one in diagnosis.actions if "OUT/block" in one]
+        if f"--effect {slug}" in step:
+            assert corridor.adjust(block, effects=slug, max_iterations=1).effects["slug"][0] == slug
+        else:
+            with pytest.raises(InputError, match="hold the camera"):
+                corridor.adjust(block, effects=slug)
+
     def test_what_is_probably_a_mistake_in_the_block_comes_first(self, diagnosis, monkeypatch):
         monkeypatch.setattr(diagnosis, "doubts", ["gnss.csv has x and y exchanged.", "other"])
         first, *others = diagnosis.actions

@@ -60,6 +60,14 @@ def _added(d: Diagnosed) -> list[str]:
     slugs = [key for key in d.used if "." not in key]
     if not slugs:
         return []
+    known, free = effects_by_slug(), d.after.problem.free.values()
+    doubled = {name for slug in slugs for name in known[slug].stands_in_for}
+    if any(doubled & set(names) for names in free):
+        # Beside a free camera the command would ask for a prior that the diagnosis has given it.
+        return [
+            "Go on with OUT/block, which is adjusted with what was found; OUT/corrected is for "
+            "programs that do not know it"
+        ]
     return [
         f"Adjust with what was found: `corridor adjust BLOCK --effect {','.join(slugs)} -o OUT2`, "
         "or go on with OUT/block; OUT/corrected is for programs that do not know it"
