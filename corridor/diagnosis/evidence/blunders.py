@@ -79,15 +79,21 @@ def blunders(evidence: Evidence) -> Blunders:
         found = also
     if found is None:
         return Blunders()
+    near = 2.0 * SETTINGS.look_alike_log_odds
     alike = [
         one
         for one in (*singles, *pairs)
-        if _log_odds(found, one) < SETTINGS.look_alike_log_odds
+        if one.statistic > found.statistic - near
         and one.chance < SETTINGS.control_level
         and not _holds(one, found)
         and not _holds(found, one)
     ]
     return Blunders(found, tuple(sorted(alike, key=lambda one: -one.statistic)))
+
+
+def rivals(one: Wrong, others: Iterable[Wrong]) -> list[Wrong]:
+    """Those of other hypotheses that are not far rarer than one which is taken."""
+    return [other for other in others if _log_odds(one, other) < SETTINGS.look_alike_log_odds]
 
 
 def _log_odds(one: Wrong, other: Wrong) -> float:

@@ -22,6 +22,7 @@ from corridor.diagnosis.evidence.blunders import (
     blunders,
     explains_all,
     listed_points,
+    rivals,
 )
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.lens import lens_group
@@ -76,7 +77,7 @@ class AllGround:
         if not mine:
             return []
         out = self._estimates(mine[0], control)
-        others = [w for w in every if w is not mine[0]]
+        others = rivals(mine[0], [w for w in every if w is not mine[0]])
         if others:
             told = listed_points(groups, others[: SETTINGS.most_rivals])
             for one in out:
