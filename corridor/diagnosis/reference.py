@@ -15,12 +15,15 @@ from corridor.core.adjustment import (
     Run,
     arms_unseen,
     camera_of,
+    without_depth,
+    without_ties,
 )
 from corridor.core.block import Block
 from corridor.core.brief import brief
 from corridor.core.effects import Effect, believed_of
-from corridor.core.errors import AdjustmentFailed
+from corridor.core.errors import AdjustmentFailed, some
 from corridor.core.geometry import GROSS
+from corridor.core.output import counted
 from corridor.diagnosis.noise.image import scale_of
 from corridor.diagnosis.settings import SETTINGS
 
@@ -171,7 +174,14 @@ class ReferenceModel:
         arm = "free" if result.problem.arms_free else "fixed"
         self.model = replace(self.model, lever_arm=arm)
         images = set(result.problem.images.names)
+        flat = without_depth(result.system, self.scale)
+        seen = without_ties(result.problem.block, flat)
         self.left_out = [note for note in result.notes if any(word in note for word in _DECISIONS)]
+        if flat:
+            self.left_out.append(
+                f"{counted(len(flat), 'tie point')} with parallel rays left out "
+                f"({some(sorted(flat), 5)}): nothing determines how far away they are."
+            )
         block = self.block
         if len(images) < len(block.images):
             block = block.select(images=[n for n in block.images["image"] if n in images])
@@ -182,8 +192,8 @@ class ReferenceModel:
             gnss = gnss[factor < GROSS * np.median(factor)].reset_index(drop=True)
         self.block = replace(
             block,
-            tie_points=result.problem.block.tie_points,
-            marks=result.problem.block.marks,
+            tie_points=seen.tie_points,
+            marks=seen.marks,
             gnss=gnss,
             extra=result.start.extra,
         )

@@ -7,7 +7,7 @@ determines is `Singular`.
 """
 
 from corridor.core.adjustment.absolute_orientation import AbsoluteOrientation, lay_on_control
-from corridor.core.adjustment.adjusting import Run, adjust, complete, refit
+from corridor.core.adjustment.adjusting import Run, adjust, complete, refit, without_ties
 from corridor.core.adjustment.check_statistics import check_table
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.datum import QUANTITIES
@@ -28,6 +28,7 @@ from corridor.core.adjustment.model import (
     listed,
 )
 from corridor.core.adjustment.normal import Normal
+from corridor.core.adjustment.point_quality import without_depth
 from corridor.core.adjustment.precompiling import precompiled_aside
 from corridor.core.adjustment.problem import make_problem, refuse_distances
 from corridor.core.adjustment.readjusting import gnss_of_metres

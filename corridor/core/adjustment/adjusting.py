@@ -196,7 +196,8 @@ def refit(
     """One adjustment of a block that is ready, for comparison with others of the same.
 
     Every observation counts as it is stated: nothing is derived, weighted anew or left out, but for
-    the size of errors of velocities that are unknowns, where the model does not state it.
+    tie points that fall into a camera, and the size of errors of velocities that are unknowns,
+    where the model does not state it.
     near: the start is near the result: a robust loss counts at once. motion: False: that size is as
     usual.
     Raises InputError and AdjustmentFailed as `adjust` does.
@@ -204,7 +205,7 @@ def refit(
     run = replace(run, strict=True)
 
     def once(part: Block, model: Model) -> Adjustment:
-        return _once(part, model, run, near=near)
+        return _once(part, model, run, near=near, refitted=True)
 
     found = once(block, model)
     return with_motion_as_seen(found, once) if motion and not model.motion else found
@@ -268,11 +269,12 @@ def _once(
     spare: int | None = None,
     near: bool = False,
     begun: bool = False,
+    refitted: bool = False,
 ) -> Adjustment:
     """One adjustment.
 
     near: whether the start is near the result. begun: whether another of the same has ended, so
-    that no pose is undetermined.
+    that no pose is undetermined. refitted: for comparison, with points left out that spoil it all.
     spare: how many images may be left out because nothing determines their pose; None: a few.
     """
     began = time.perf_counter()
@@ -326,7 +328,8 @@ def _once(
             system = replace(system, held=datum.held)
         covariance = Covariance(system, None if datum is None else datum.null_space)
     except Singular as singular:
-        fallen = _fallen(problem, solution.state) if solution and not run.strict else set()
+        keep = run.strict and not refitted
+        fallen = _fallen(problem, solution.state) if solution and not keep else set()
         if fallen:
             return _without_fallen(start, block, fallen, model, run)
         own = singular.shared is None and (singular.own is None or singular.own < 6)
@@ -483,7 +486,7 @@ def _in_front(
     if not still:
         return block, []
     hopeless = _names_of(again, np.isnan(residual[:, 0]))
-    return _without_ties(block, hopeless), [
+    return without_ties(block, hopeless), [
         f"{len(hopeless)} tie points lie behind a camera that measured them and are left out "
         f"({some(sorted(hopeless), 5)}): their matches are wrong."
     ]
@@ -508,7 +511,7 @@ def _without_fallen(
     start: Block, block: Block, names: set[str], model: Model, run: Run
 ) -> Adjustment:
     """The adjustment, from its start again, without tie points that fell into a camera."""
-    found = _once(_without_ties(block, names), model, run)
+    found = _once(without_ties(block, names), model, run)
     found.start = start
     found.add_note(
         f"{counted(len(names), 'tie point')} that the adjustment drew into a camera left out "
@@ -517,7 +520,7 @@ def _without_fallen(
     return found
 
 
-def _without_ties(block: Block, names: set[str]) -> Block:
+def without_ties(block: Block, names: set[str]) -> Block:
     """The block without tie points of these names."""
     block = block.copy()
     keep = ~block.tie_points["point"].isin(names)

@@ -10,15 +10,37 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.adjustment.covariance import Covariance
+from corridor.core.adjustment.linear_system import LinearSystem
+from corridor.core.adjustment.problem import Problem, State
 
 # Pairs of rays that are looked at together.
 _PAIRS = 1 << 20
+# Standard deviations of an angle within which it is none.
+_NO_ANGLE = 3.0
+# Share of the points that are left out.
+_FEW = 0.1
 
 
-def largest_angles(covariance: Covariance) -> np.ndarray:
+def without_depth(system: LinearSystem, scale: float) -> set[str]:
+    """Names of tie points whose rays are parallel within what they are measured to.
+
+    scale: standard deviation of an image point in the stated one. How far such a point is nothing
+    tells, and wherever it wanders a loss that limits large residuals has another valley.
+    """
+    p, rows = system.problem, system.image_rows
+    sound = np.isfinite(rows.sigma)
+    ray = np.full(len(p.point_index), np.inf)
+    f = p.images.interior[rows.image[sound], 0]
+    np.minimum.at(ray, rows.point[sound], rows.sigma[sound] / f)
+    parallel = largest_angles(p, system.state) < _NO_ANGLE * np.sqrt(2.0) * scale * ray
+    flat = parallel & ~p.point_kinds & np.isfinite(ray)
+    # Where many are so the block is of another kind, and needs them.
+    return set(p.point_names[flat]) if flat.sum() <= _FEW * len(flat) else set()
+
+
+def largest_angles(p: Problem, state: State) -> np.ndarray:
     """Largest angle between two rays of each point (n,), rad, at most a right angle: beyond, rays
     meet the better from the other side."""
-    p, state = covariance.system.problem, covariance.state
     count = np.diff(p.ptr)
     out = np.zeros(len(count))
     for rays in np.unique(count[count > 1]).tolist():
@@ -46,7 +68,7 @@ def quality(covariance: Covariance) -> pd.DataFrame:
         {
             "point": p.point_index,
             "rays": np.diff(p.ptr),
-            "angle": np.degrees(largest_angles(covariance)),
+            "angle": np.degrees(largest_angles(p, covariance.state)),
             "correlation": np.abs(pairs).max(axis=0),
         }
     )

@@ -1,5 +1,7 @@
 """Angles of rays and correlations within points, and precision in a datum of one's choice."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.linalg import block_diag
@@ -7,7 +9,7 @@ from strips import corridor_block
 from test_distances import flown
 
 import corridor
-from corridor.core.adjustment import point_regression
+from corridor.core.adjustment import LinearSystem, point_regression, without_depth
 from corridor.core.adjustment.linear_system import motions
 from corridor.core.errors import InputError
 from corridor.core.geometry import helmert_motions
@@ -40,6 +42,20 @@ def test_angles_are_those_between_every_two_rays(adjusted):
         rays /= np.linalg.norm(rays, axis=1)[:, None]
         angles = [np.degrees(np.arccos(min(abs(a @ b), 1.0))) for a in rays for b in rays]
         assert table["angle"].iloc[n] == pytest.approx(max(angles), abs=1e-5)
+
+
+def test_points_of_parallel_rays_have_no_depth(adjusted):
+    p, state = adjusted.problem, adjusted.state
+    assert not without_depth(adjusted.system, 1.0)
+    ties = np.flatnonzero(~p.point_kinds)
+    points = state.points.copy()
+    for n in ties[:3]:
+        points[n] += 1e6 * (points[n] - state.centre[p.img[p.ptr[n]]])
+    there = LinearSystem(p, replace(state, points=points))
+    assert without_depth(there, 1.0) == set(p.point_names[ties[:3]])
+    # Where so many are, the block is of another kind.
+    points[ties] += 1e6 * (points[ties] - state.centre[0])
+    assert not without_depth(LinearSystem(p, replace(state, points=points)), 1.0)
 
 
 def test_correlations_are_those_of_the_covariance_of_the_point(adjusted):
