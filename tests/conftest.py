@@ -50,6 +50,12 @@ def pytest_make_collect_report(collector):
     return _left_out(report, str(report.longrepr))
 
 
+# Names of tests that take more than half a second, beside those that say so themselves: as
+# `pytest tests --durations=0 --durations-min=0.5` measures them. They are run with the long ones.
+SECONDS = set((Path(__file__).parent / "seconds.txt").read_text(encoding="utf-8").splitlines())
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     """Files with long tests, and notebooks, first: two workers end together.
 
@@ -59,6 +65,9 @@ def pytest_collection_modifyitems(items):
     ones, each for itself.
     """
     long = {item.path for item in items if item.get_closest_marker("slow")}
+    for item in items:
+        if item.nodeid in SECONDS:
+            item.add_marker("slow")
     chapters = {item.path for item in items if item.path.suffix == ".ipynb"}
     order = {
         "test_truth.py": -4,

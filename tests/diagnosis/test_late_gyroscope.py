@@ -17,13 +17,14 @@ def late(seed):
     return block, readout
 
 
-@pytest.mark.parametrize(
-    "seeds", [(7,), pytest.param((0, 1, 4, 8), marks=pytest.mark.slow)], ids=["one", "four"]
-)
-def test_the_shutter_is_named_with_its_readout_and_the_delay(seeds):
-    """At nothing the equations cannot tell it from a shutter that velocities move."""
+@pytest.mark.slow
+def test_the_shutter_is_named_with_its_readout_and_the_delay():
+    """At nothing the equations cannot tell it from a shutter that velocities move.
+
+    In the first survey two images are taken 8 cm apart: no depth, and a robust loss has valleys.
+    """
     errors = []
-    for seed in seeds:
+    for seed in (1, 4, 7):
         block, readout = late(seed)
         (effect,) = corridor.diagnose(block).findings.effects
         assert (effect.slug, effect.kind) == ("rolling_shutter_rotation", "named")
@@ -31,5 +32,5 @@ def test_the_shutter_is_named_with_its_readout_and_the_delay(seeds):
         for name, true in (("readout", readout), ("delay", LATE_S)):
             assert told[name]["sigma"] < 0.003
             errors.append((told[name]["value"] - true) / told[name]["sigma"])
-    # Root mean squares of eight and of two normal errors that chance passes once in a thousand.
-    assert np.sqrt(np.mean(np.square(errors))) < (1.81 if len(errors) == 8 else 2.63)
+    # Root mean square of six normal errors that chance passes once in a thousand.
+    assert np.sqrt(np.mean(np.square(errors))) < 1.93
