@@ -427,13 +427,14 @@ def _judge(case, todo, printed, good):
         case.outcome, case.words = raised, case.words or text[-500:]
         return
     left = sorted({path.name for path in there.parent.iterdir()} - names)
-    case.outcome, case.words = _outcome(case, command, status, text, left, there)
+    case.outcome, case.words = _outcome(case, command, status, text, left, (there, words))
     if case.outcome == "done" and command.right is not None:
         _compare(case, command, text, out, there, good)
 
 
-def _outcome(case, command, status, text, left, there):
-    """Outcome and words, but for whether a result is right."""
+def _outcome(case, command, status, text, left, typed):
+    """Outcome and words, but for whether a result is right. typed: what is damaged, and words."""
+    there, words = typed
     last = text.rstrip("\n").rpartition("\n")[2]
     foreign = [
         line for line in text.splitlines()
@@ -459,6 +460,8 @@ def _outcome(case, command, status, text, left, there):
         return "failed", last
     known = {path.name for path in (there, *there.rglob("*"))}
     known |= {Path(name).stem for name in known} | {str(there)}
+    # A file that was typed and is gone is a place, too.
+    known |= {Path(word).name for word in map(str, words) if Path(word).suffix}
     if case.subject == "plan":
         # The one file that was typed: a flight or a key is the place.
         known |= {"flight", *re.findall(r"\w{4,}", samples.PLAN)}

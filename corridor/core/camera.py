@@ -34,6 +34,8 @@ _FIRST_RADIAL = 7
 _MOST_BENT = 1e4
 # Tangent of half the angle of the widest lens: beyond it the focal length is at fault (in mm?).
 _WIDEST = 3.0
+# No picture has a longer side, px: strips of line scanners have some 1e5 rows.
+_LARGEST = 1e6
 
 
 @dataclass(frozen=True, repr=False)
@@ -102,7 +104,7 @@ class Camera:
 
         size = {key: number(key) for key in ("width", "height")}
         for key, value in size.items():
-            if value < 2 or value != int(value):
+            if not 2 <= value <= _LARGEST or value != int(value):
                 raise InputError(f"{where} {key} = {value:g} is not a picture size: give pixels")
         width, height = int(size["width"]), int(size["height"])
         focal = number("f")

@@ -22,7 +22,21 @@ from slips import (
 import corridor
 from corridor.core.preparation import plausibility_warnings, position_difference
 
+
 # Seen at first sight, without an adjustment: slip -> words of the sentence.
+def distance(factor):
+    """A distance between two points of ground.csv, too long by a factor."""
+
+    def edit(folder):
+        ground = pd.read_csv(folder / "ground.csv")
+        one, other = ground[["x", "y", "z"]].to_numpy(float)[:2]
+        name, end = ground["point"][:2]
+        length = factor * np.linalg.norm(one - other)
+        (folder / "distances.csv").write_text(f"from,to,distance\n{name},{end},{length:.4f}\n")
+
+    return edit
+
+
 AT_FIRST_SIGHT = {
     "picture half as large": (
         both(toml("width = 5120", "width = 2560"), toml("height = 3840", "height = 1920")),
@@ -73,6 +87,12 @@ AT_FIRST_SIGHT = {
         "track.csv: time_s falls from row to row in all 30",
     ),
     "times in milliseconds": (times("images", 1e3, "time_s"), "is time_s in seconds"),
+    "temperatures in kelvin": (
+        changed("images", temperature_c=lambda c: 293.0 + np.arange(len(c))),
+        "temperature_c is 3?[0-9]+ .* kelvin",
+    ),
+    "a distance in feet": (distance(1 / 0.3048), "distances.csv, row 2: .* 3.28 times .* feet"),
+    "a distance of other points": (distance(1.6), "1.6 times .* are the names right"),
     "a readout in milliseconds": (more("readout_s = 30"), "readout_s = 30 .* 30 ms are 0.03"),
     "readout for readout_s": (more("readout = 0.03"), "did you mean readout_s"),
     "[sigmas] for [sigma]": (more("[sigmas]\ntie_px = 1.0"), r"\[sigmas\].*did you mean sigma"),

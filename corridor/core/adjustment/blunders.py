@@ -16,6 +16,7 @@ from corridor.core.camera import undistort
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.geometry import Rays, meeting_points, robust_scale, rotation_from_quaternion
 from corridor.core.output import counted
+from corridor.core.preparation import UNITS_M
 
 # Wild: beyond this many robust sigmas of what start values leave, and beyond this share of the
 # flying height; of the pictures, beyond this share of their size outside.
@@ -29,7 +30,7 @@ _SLIP = " (a comma or a digit out of place?)"
 EXCHANGED, _EXCHANGED_SIGMAS, _FARTHEST = 0.25, 5.0, 20
 # Another reading of the coordinates is the right one where it leaves less than this share; so far
 # off, m, points lie elsewhere: nearer, an adjustment gets over it and tells.
-_ALIKE, _ELSEWHERE_M, _FOOT_M = 0.1, 2.0, 0.3048
+_ALIKE, _ELSEWHERE_M = 0.1, 2.0
 # Control points that hold a block without GNSS.
 _LEAST_CONTROL = 3
 
@@ -111,9 +112,6 @@ def without_exchanged(
     return _ground(block, block, model, blind.poses, notes, seen_by=blind), notes
 
 
-_UNITS = (("feet", _FOOT_M), ("centimetres", 1e-2), ("millimetres", 1e-3), ("kilometres", 1e3))
-
-
 def _in_place(block: Block, pose: np.ndarray) -> bool:
     """Whether poses lie where the GNSS has them, in its scale."""
     if len(block.gnss) < 4:
@@ -139,7 +137,7 @@ def _read_otherwise(given: np.ndarray, seen: np.ndarray) -> str:
     if len(given) < _LEAST_CONTROL:
         return ""
     left = _apart(given, seen)
-    unit, metres = min(_UNITS, key=lambda one: _apart(one[1] * given, seen))
+    unit, metres = min(UNITS_M.items(), key=lambda one: _apart(one[1] * given, seen))
     if _apart(metres * given, seen) < _ALIKE * left:
         return f"ground.csv is in {unit}, beside images and GNSS in metres: convert it."
     if _apart(given[:, [1, 0, 2]], seen) < _ALIKE * left:

@@ -28,6 +28,8 @@ FAR_FOCAL, FAR_CENTRE = 0.08, 0.1
 LONG_ARM_M = 5.0
 # Residuals of control, in sigmas, from which on a search for what is wrong is worth its time.
 _LOOK = 2.5
+# Control that is stated this coarsely, m, and by points that are several fits to this share of it.
+_COARSE_M, _SEVERAL, _FINE = 0.5, 4, 0.1
 # Sigma naught of a kind of observation that contradicts what is stated of it.
 _DOUBTFUL = 2.0
 
@@ -300,6 +302,17 @@ def _fit(a):
         yield (
             f"Sigma naught is {a.sigma0:.3g}: the stated standard deviations are larger than the "
             f"residuals{weights}."
+        )
+    control = a.residuals["control"]
+    if len(control) < _SEVERAL:
+        return
+    left, stated = (control[[f"{one}{axis}" for axis in "xyz"]].to_numpy() for one in "vs")
+    size, usual = float(np.sqrt(np.mean(left**2))), float(np.median(stated))
+    if usual > _COARSE_M and size < _FINE * usual:
+        yield (
+            f"Ground control is stated to {usual:g} m and fits to {size:.2g} m (RMS), so it hardly "
+            "counts: are its standard deviations (sx, sy, sz of ground.csv, control_m of "
+            "block.toml) in metres?"
         )
 
 

@@ -271,7 +271,7 @@ class Block:
 
         fault: what is to be said of it: `has no time_s`. The sentence tells of how many it is true.
         """
-        wrong = np.flatnonzero(~there.reshape(len(there), -1).all(axis=1))
+        wrong = np.flatnonzero(~there.all(axis=tuple(range(1, there.ndim))))
         if len(wrong):
             many = f"{len(wrong)} of {len(there)} {'images' if table == 'images' else 'rows'}"
             raise InputError(f"{self.named(table, wrong[0])} {fault} ({many}): {remedy}")

@@ -10,11 +10,13 @@ from corridor.core.preparation.half_turns import (
 )
 from corridor.core.preparation.plausibility import (
     SLOWEST_READOUT_S,
+    UNITS_M,
     mirrored,
     plausibility_warnings,
     position_difference,
     position_disagreement,
     position_outliers,
+    unit_of,
 )
 from corridor.core.preparation.plausibility_of_motion import paired_speeds, velocity_warnings
 from corridor.core.preparation.preparing import Prepared, prepare

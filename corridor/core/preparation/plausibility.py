@@ -57,6 +57,12 @@ _PLACES, _ELSEWHERE = 3, 0.2
 # Drones and small aircraft fly no higher above ground, m.
 _HIGHEST_M = 3000.0
 _FOOT_M = 0.3048
+# No camera that works is hotter; a distance is another when it is longer or shorter by this much
+# (logarithm), which no survey's error is.
+_HOTTEST_C, _OTHER_LENGTH = 120.0, 0.2
+# Units that lengths are given in by mistake, m; a ratio this near to theirs is taken for it.
+UNITS_M = {"feet": _FOOT_M, "centimetres": 1e-2, "millimetres": 1e-3, "kilometres": 1e3}
+_OF_UNIT = 0.02
 _REMEDY = "x is east, y north, in metres less the block's offset."
 
 
@@ -69,6 +75,7 @@ def plausibility_warnings(block: Block) -> list[str]:
         # Where tie points are turned, marks are turned with them.
         *(list(mirrored(block)) or list(turned_images(block)) or _marks_of_other_pictures(block)),
         *_settings(block),
+        *_units(block),
         *_passed_over(block),
         *motion_warnings(block),
     ]
@@ -121,6 +128,42 @@ def _settings(block: Block) -> Iterator[str]:
                 f"block.toml: readout_s = {readout:g} of [camera.{name}] is longer than any "
                 f"shutter: it is in seconds, {readout:g} ms are {readout / 1000:g}."
             )
+
+
+def unit_of(ratio: float) -> str:
+    """The unit whose numbers are so many times those in metres; empty where it is none."""
+    return next((unit for unit, m in UNITS_M.items() if abs(ratio * m - 1.0) < _OF_UNIT), "")
+
+
+def _units(block: Block) -> Iterator[str]:
+    """Temperatures in kelvin, distances that are not those between their ends in ground.csv."""
+    warm = block.column("images", "temperature_c")
+    if np.isfinite(warm).any() and np.nanmedian(warm) > _HOTTEST_C:
+        yield (
+            f"images.csv: temperature_c is {np.nanmedian(warm):.0f} (median), hotter than a camera "
+            "that works: is it in kelvin? Subtract 273.15."
+        )
+    if not len(block.distances):
+        return
+    places = dict(zip(block.ground["point"], block.numbers("ground", *"xyz"), strict=True))
+    nowhere = np.full(3, np.nan)
+    one, other = (
+        np.array([places.get(name, nowhere) for name in block.distances[end]])
+        for end in ("from", "to")
+    )
+    ratio = block.column("distances", "distance") / np.linalg.norm(one - other, axis=1)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        wrong = np.abs(np.log(ratio)) > _OTHER_LENGTH
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        name, end = block.distances.iloc[row][["from", "to"]]
+        unit = unit_of(float(ratio[row]))
+        yield (
+            f"{block.where('distances', row)}: from {name} to {end} are "
+            f"{block.distances['distance'].iloc[row]:g} m, {ratio[row]:.3g} times what ground.csv "
+            f"says ({int(wrong.sum())} of {len(wrong)} rows): "
+            + (f"is it in {unit}? Write metres." if unit else "are the names right?")
+        )
 
 
 # --- pictures ---------------------------------------------------------------------------------

@@ -26,12 +26,20 @@ from corridor.core.geometry import (
 )
 from corridor.core.gnss import GEOGRAPHIC, Local, convert, known_crs, local_of, local_table
 from corridor.core.photographs import Metadata
-from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness, record_derived
+from corridor.core.preparation import (
+    AGREES,
+    CONTRADICTS,
+    UNCHECKED,
+    Witness,
+    record_derived,
+    unit_of,
+)
 from corridor.tools.formats.faults import blaming
-from corridor.tools.formats.ground import Ground, add_to, in_frame, read_ground
+from corridor.tools.formats.ground import Ground, add_to, called_as_marked, in_frame, read_ground
 from corridor.tools.formats.plausible import refusal
 from corridor.tools.formats.project import Project
 from corridor.tools.formats.rows import rows_of
+from corridor.tools.formats.strange import not_text
 
 XYZ = list(POSE[:3])
 # Rays of marks that meet to this share of the picture's long side were measured in these pictures;
@@ -67,7 +75,16 @@ def add_ground(
     its points lie nowhere near where marks or cameras see them.
     """
     with blaming(path, "a file of ground points"):
+        told = not_text(path) if path.is_file() else ""
+        if told:
+            raise InputError(f"{path.name} is {told}")
         ground = read_ground(path, project.block)
+        ground = called_as_marked(ground, project.block)
+        if ground.unit and (crs is None or known_crs(crs).axis_info[0].unit_conversion_factor == 1):
+            raise InputError(
+                f"{path.name}: its header gives the coordinates in {ground.unit}; write them in "
+                "metres, or name their system with --ground-crs if that counts in this unit"
+            )
         if crs is not None:
             if ground.crs not in (None, crs) and not _both_geographic(ground.crs, crs):
                 raise InputError(
@@ -230,6 +247,12 @@ def _placed(project: Project, name: str) -> Project:
             f"{name}: {', '.join(bad[:5])} lie {away[~good].max():.3g} m from where their marks "
             "see them, the others "
             f"{np.median(away[good]):.2g} m: are names or coordinates wrong?"
+        )
+    unit = unit_of(move.scale)
+    if unit and len(project.block.gnss):
+        warnings.append(
+            f"{name}: the project has positions, and becomes {move.scale:.4g} times as large by "
+            f"these points: are they in {unit}? Write metres"
         )
     moved = moved_by(project, move).having(
         placed=True,

@@ -17,7 +17,7 @@ from corridor.core.brief import brief
 from corridor.core.effects import Values, every_effect, take_out
 from corridor.core.errors import InputError
 from corridor.core.gnss import in_metres, moved
-from corridor.core.output import Progress, file_lines, telling, whole_folder
+from corridor.core.output import Progress, counted, file_lines, telling, whole_folder
 from corridor.tools.formats.cameras import moved_to
 from corridor.tools.formats.programs import writers
 from corridor.tools.formats.project import near_origin
@@ -131,6 +131,11 @@ def export_project(
     sentences += [
         f"{form} holds no {said}" for has, said in target.LOSSES.items() if _HAS[has](exported)
     ]
+    if len(exported.distances):
+        sentences.append(
+            f"lost: the {counted(len(exported.distances), 'row')} of distances.csv; enter them in "
+            "the other program as scale bars"
+        )
     found = Residuals.of(np.linalg.norm(rows_of(exported).residuals(), axis=1))
     sentences.append(f"what is written reprojects with {found}")
     if found.median > MEDIAN_PX:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.core.block import LAYOUTS, SIGMAS, Block, Layout, place, read_columns
+from corridor.core.block import LAYOUTS, ROLES, SIGMAS, Block, Layout, place, read_columns
 from corridor.core.errors import InputError
 from corridor.core.geometry import similarity
 from corridor.core.gnss import GEOGRAPHIC, convert, known_crs, local_of, outside_area
@@ -39,7 +39,7 @@ class Ground:
     """Ground points of a file.
 
     crs: of the coordinates; None: those of the block. table: as ground.csv; None: marks only.
-    marks: point, image, x, y (px). notes: sentences.
+    marks: point, image, x, y (px). notes: sentences. unit: of `ground_text.Table`.
     """
 
     path: Path
@@ -47,6 +47,7 @@ class Ground:
     table: pd.DataFrame | None
     marks: list[tuple[str, str, float, float]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    unit: str = ""
 
 
 def read_ground(path: Path, block: Block) -> Ground:
@@ -74,7 +75,7 @@ def read_ground(path: Path, block: Block) -> Ground:
     if is_gcp_list(head):
         return read_gcp_list(path)
     found = read_text(path)
-    return Ground(path, found.crs, found.table, notes=found.notes)
+    return Ground(path, found.crs, found.table, notes=found.notes, unit=found.unit)
 
 
 def is_gcp_list(head: str) -> bool:
@@ -202,8 +203,14 @@ def _block_table(path):
     roles = None
     if "role" in table:
         given = table["role"].fillna("")
-        roles = [role_of(word) or word for word in given]
-    table = ground_table(list(table["point"]), table[_XYZ].to_numpy(), sigmas, roles)
+        roles = [role_of(word) for word in given]
+        if None in roles:
+            row = roles.index(None)
+            raise InputError(
+                f"{place(path, row)}: role {given.iloc[row]!r} is unknown; write one of "
+                f"{', '.join(ROLES)}"
+            )
+    table = ground_table(list(table["point"].str.strip()), table[_XYZ].to_numpy(), sigmas, roles)
     beside = path.with_name("marks.csv")
     marks = _marks_of(_columns(beside, LAYOUTS["marks"])) if beside.is_file() else []
     return Ground(path, None, table, marks)
@@ -265,7 +272,11 @@ def add_to(project: Project, ground: Ground) -> Project:
     new = block.ground[:0] if ground.table is None else ground.table
     if new["point"].duplicated().any():
         twice = new["point"][new["point"].duplicated()].iloc[0]
-        raise InputError(f"{ground.path.name}: ground point {twice!r} stands there twice")
+        first, again = (new["point"] == twice).to_numpy().nonzero()[0][:2] + 1
+        raise InputError(
+            f"{ground.path.name}: ground point {twice!r} stands there twice, as point {first} and "
+            f"{again} of the list; delete one of them, or rename it"
+        )
     given = new[_XYZ].to_numpy(float)
     rows = _rows_of_marks(ground, block, notes, warnings)
     marks = block.marks
@@ -296,6 +307,30 @@ def add_to(project: Project, ground: Ground) -> Project:
         old = block.ground[~block.ground["point"].isin(new["point"])]
         tables["ground"] = pd.concat([old, new], ignore_index=True) if len(old) else new
     return project.having(notes=notes, warnings=warnings, **tables)
+
+
+def called_as_marked(ground: Ground, block: Block) -> Ground:
+    """The points with the names of their marks, where these differ in case and blanks alone."""
+    if ground.table is None or not len(ground.table):
+        return ground
+    given = ground.table["point"].astype(str)
+    marked = pd.Series([*block.marks["point"].cat.categories, *(row[0] for row in ground.marks)])
+    marked = marked.drop_duplicates()
+    plain, mine = (
+        names.astype(str).str.casefold().str.replace(r"\s", "", regex=True)
+        for names in (marked, given)
+    )
+    alone = ~plain.duplicated(keep=False)
+    meant = mine.map(dict(zip(plain[alone], marked[alone], strict=True)))
+    other = ~given.isin(set(marked)) & meant.notna() & ~mine.duplicated(keep=False)
+    if not other.any():
+        return ground
+    note = (
+        f"{ground.path.name}: {int(other.sum())} ground points are called as their marks, which "
+        f"differ in case or blanks alone ({given[other].iloc[0]}: {meant[other].iloc[0]})"
+    )
+    table = ground.table.assign(point=given.where(~other, meant))
+    return replace(ground, table=table, notes=[*ground.notes, note])
 
 
 def _measured_already(block: Block, ground: pd.DataFrame, placed: bool, notes: list[str]) -> Block:

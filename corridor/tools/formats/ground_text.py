@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import re
 import unicodedata
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -49,6 +49,8 @@ _WORDS = {
 }
 _COLUMN = {word: column for column, words in _WORDS.items() for word in words.split()}
 _PLACE = ("x", "y", "z")
+_UNITS = ("(us|intl?|international|survey|us?survey)?(s?ft|feet|foot)(us|int)?", "[cdkm]m",
+          "(centi|deci|kilo|milli)met(er|re)s?")  # fmt: skip
 _ROLE = {"gcp": "control", "controlpoint": "control", "checkpoint": "check", "3dgcp": "control"}
 # A semicolon is none: before it a cell may be empty.
 _COMMENTS = ("#", "%", "//")
@@ -61,13 +63,15 @@ class Table:
     """Ground points as a text has them.
 
     table: as ground.csv. crs: EPSG:4979 where the header names latitude and longitude, else None.
-    headed: whether a header said which column is which. notes: sentences.
+    headed: whether a header said which column is which. notes: sentences. unit: of the coordinates,
+    where the header states another than metres.
     """
 
     table: pd.DataFrame
     crs: str | None = None
     headed: bool = False
     notes: list[str] = field(default_factory=list)
+    unit: str = ""
 
 
 def read_text(path: Path) -> Table:
@@ -76,7 +80,7 @@ def read_text(path: Path) -> Table:
     Comments begin with #, % or //; the header is the first line that is none. Raises InputError
     naming file and line.
     """
-    rows, header = [], None
+    rows, header, unit = [], None, ""
     found = list(filled(path, comment=_COMMENTS))
     # Metashape begins its header with a #.
     commented = [line for line in filled(path) if line.text.lstrip().startswith("#")]
@@ -84,7 +88,7 @@ def read_text(path: Path) -> Table:
     for line in found:
         cells = _cells(line, separator)
         if not rows and header is None and not _has_place(cells):
-            header = _header(line, cells)
+            header, unit = _header(line, cells), _unit(cells)
         else:
             rows.append((line, cells))
     if header is None:
@@ -95,7 +99,7 @@ def read_text(path: Path) -> Table:
     headed = header is not None
     if header is None:
         header = _guessed(rows, separator, notes)
-    return _table(rows, header, headed, notes)
+    return replace(_table(rows, header, headed, notes), unit=unit)
 
 
 # --- cells -----------------------------------------------------------------------------------
@@ -156,6 +160,17 @@ def _columns(cells: list[str]) -> list[str | None]:
     if len(cells) == 1 and re.fullmatch(r"[PNEZD]{4,5}", cells[0].upper()):
         return [_LETTERS[letter] for letter in cells[0].upper()]
     return [_COLUMN.get(_word(cell)) for cell in cells]
+
+
+def _unit(cells: list[str]) -> str:
+    """The unit that a header states of x, y or z, in brackets, where it is none of metres."""
+    for cell in cells:
+        stated = re.search(r"[(\[]([^)\]]*)[)\]]", cell)
+        if stated and _COLUMN.get(_word(cell)) in _PLACE:
+            unit = re.sub(r"[^a-z]", "", stated[1].lower())
+            if re.fullmatch("|".join(_UNITS), unit):
+                return stated[1].strip()
+    return ""
 
 
 def _is_whole(columns: list[str | None]) -> bool:

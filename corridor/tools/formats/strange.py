@@ -39,6 +39,10 @@ _ENDINGS = {
     ".nmea": "a receiver's NMEA log: its positions have no standard deviations; process the raw "
     "data, and give the track with --track",
 }
+_ENDINGS |= dict.fromkeys(
+    (".kml", ".kmz", ".gpx", ".geojson", ".dxf", ".dwg", ".shp", ".gpkg"),
+    "a map: save its points as comma separated text (name, x, y, z), and name that",
+)
 _GROUND = "a list of ground points: name the project, and give the list with --ground"
 _PLAN = "a plan of a flight: `corridor plan PLAN` says how accurate it will be"
 _MOST_FILES = 2000  # of a folder are looked at
@@ -71,6 +75,13 @@ def strange(path: Path) -> str:
     if ending in (".jpg", ".jpeg", ".tif", ".tiff", ".dng", ".png"):
         return "one photograph: name the folder of all of them, as `corridor import photos FOLDER`"
     return ""
+
+
+def not_text(path: Path) -> str:
+    """What a file is that is no list of points as text, and what to do; or empty."""
+    if opening(path, 400).lstrip().lower().startswith(("<!doctype html", "<html")):
+        return "a page of the web: download the file itself"
+    return _ENDINGS.get(path.suffix.lower(), "")
 
 
 def _is_tracks(head: str) -> bool:

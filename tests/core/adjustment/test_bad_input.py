@@ -1,6 +1,7 @@
 """What cannot be adjusted is refused with one sentence: what, where, and what to do."""
 
 import errno
+import warnings
 
 import numpy as np
 import pandas as pd
@@ -347,3 +348,31 @@ class TestTheCommand:
         after = {path.name: path.read_bytes() for path in out.iterdir() if path.is_file()}
         assert after == before
         assert sorted(path.name for path in tmp_path.iterdir()) == ["block", "out"]
+
+
+def test_a_block_with_velocities_and_no_positions_adjusts_without_a_foreign_word():
+    block = corridor_block(images=8, strips=2, observations_per_image=40, gnss=False, control=3)
+    block = block.with_(images=block.images.assign(vx=5.0, vy=0.0, vz=0.0))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert corridor.adjust(block).warnings is not None
+
+
+@pytest.mark.parametrize("sigma", [5.0, 0.01])
+def test_control_stated_far_too_coarse_is_told(sigma):
+    block = corridor_block(images=8, strips=2, observations_per_image=40, control=5)
+    block = block.with_(ground=block.ground.assign(sx=sigma, sy=sigma, sz=sigma))
+    told = [one for one in corridor.adjust(block).warnings if "hardly counts" in one]
+    assert len(told) == (sigma > 1)
+
+
+def test_an_empty_table_of_marks_is_none_to_correct():
+    block = corridor_block(images=8, strips=2, observations_per_image=40)
+    block = block.with_(marks=block.marks[:0])
+    block.demand("marks", np.zeros((0, 3), dtype=bool), "has no place", "write one")
+
+
+@pytest.mark.parametrize("width", [1e20, 2e6, 1.0, 2.5])
+def test_no_camera_has_such_a_picture(width):
+    with pytest.raises(InputError, match="not a picture size"):
+        corridor.Camera.from_table("A", {"width": width, "height": 100, "f": 100})

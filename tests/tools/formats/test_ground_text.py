@@ -132,6 +132,63 @@ def test_feet_are_known_by_their_ratio(tmp_path, foot):
         add_ground(project, path, crs=UTM)
 
 
+@pytest.mark.parametrize(
+    ("unit", "said"),
+    [("(ft)", "in ft"), ("[US ft]", "in US ft"), ("[mm]", "in mm"), ("(Feet)", "in Feet"),
+     ("[m]", ""), ("(WGS84)", ""), ("(metres)", "")],
+)  # fmt: skip
+def test_a_unit_of_the_header_is_read(tmp_path, unit, said):
+    project = placed()
+    names, places = surveyed(project)
+    path = tmp_path / "points.csv"
+    header = f"Point,Easting {unit},Northing {unit},Elevation {unit}"
+    path.write_text(as_text(names, places, (header, PENZ)))
+    if said:
+        with pytest.raises(InputError, match=f"points.csv: its header .* {said}; write them in"):
+            add_ground(project, path, crs=UTM)
+    else:
+        assert len(add_ground(project, path, crs=UTM).block.ground) == len(names)
+
+
+@pytest.mark.parametrize("write", [str.lower, lambda name: f" {name[:3]} {name[3:]}"])
+@pytest.mark.parametrize("head", ["point,x,y,z", "Name,E,N,H"])
+def test_points_whose_names_differ_in_case_and_blanks_are_those_of_the_marks(tmp_path, write, head):
+    project = placed()
+    names, places = surveyed(project)
+    path = tmp_path / "points.csv"
+    path.write_text(as_text(map(write, names), places, (head, PENZ)))
+    made = add_ground(project, path, crs=UTM)
+    assert list(made.block.ground["point"]) == names
+    assert any("differ in case or blanks" in told for told in made.notes)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [("a.kml", "<kml/>", "a.kml is a map"), ("a.csv", "<!DOCTYPE html><html>", "page of the web"),
+     ("a.xlsx", "PK", "Excel"), ("a.geojson", "{}", "is a map"),
+     ("a.csv", "point,x,y,z,role\nA,1,2,3,\nB,1,2,3,maybe\n", "a.csv, row 3: role 'maybe'"),
+     ("a.csv", "point,x,y,z\nA,1,2,3\nB,1,2,3\nA,1,2,4\n", "twice, as point 1 and 3"),
+     ("a.csv", "name,x,y,z\nA,1,2,3\nA,1,2,4\n", "twice, as point 1 and 2")],
+)  # fmt: skip
+def test_what_is_no_list_of_points_is_called_what_it_is(tmp_path, name, text, said):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=said):
+        add_ground(placed(), tmp_path / name)
+
+
+@pytest.mark.parametrize(("factor", "unit"), [(1000, "millimetres"), (1 / 0.3048, "feet"), (1, "")])
+def test_a_project_with_positions_tells_the_unit_of_control(tmp_path, factor, unit):
+    project = Project("made", None, exact_block().select())
+    ground, images = project.block.ground, project.block.images
+    gnss = images[["image", "x", "y", "z"]].assign(sx=0.02, sy=0.02, sz=0.03)
+    project = project.having(gnss=gnss, placed=False)
+    path = tmp_path / "points.csv"
+    places = factor * ground[["x", "y", "z"]].to_numpy(float)
+    path.write_text(as_text(list(ground["point"]), places, ("point,x,y,z", PENZ)))
+    told = [w for w in add_ground(project, path).warnings if "times as large" in w]
+    assert [f"are they in {unit}?" in one for one in told] == ([True] if unit else [])
+
+
 def test_heights_above_the_geoid_are_told_with_their_difference(tmp_path):
     project = placed()
     names, places = surveyed(project)

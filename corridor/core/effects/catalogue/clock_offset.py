@@ -81,7 +81,7 @@ def _late(found):
     By their residuals along the flight.
     """
     images = found.block.images.set_index("image").reindex(found.gnss["image"].astype(str))
-    if not {"vx", "vy", "vz"} <= set(images):
+    if not len(images) or not {"vx", "vy", "vz"} <= set(images):
         return None
     # Of all positions alike: those of one direction, as far off as the others, hardly count alone.
     sigmas = np.median(found.gnss[["sx", "sy", "sz"]].to_numpy(), axis=0)
