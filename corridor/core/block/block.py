@@ -531,7 +531,10 @@ def without_distances(block: Block) -> tuple[Block, list[str]]:
     if not count:
         return block, []
     rows = "its row is" if count == 1 else f"its {count} rows are"
-    note = f"distances.csv is not used here, {rows} left out: `corridor adjust` uses distances."
+    note = (
+        f"distances.csv is not used here, {rows} left out, and scale comes from images, control "
+        "and GNSS alone: `corridor adjust` uses distances."
+    )
     return block.with_(distances=None), [note]
 
 

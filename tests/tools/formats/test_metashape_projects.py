@@ -211,6 +211,14 @@ def test_disabled_cameras_are_left_out_and_told(exported, tmp_path):
     assert any("disabled cameras were left out" in note for note in project.notes)
 
 
+def test_scale_bars_that_are_not_read_are_told(exported, tmp_path):
+    root, chunk = _merged(exported[0])
+    bars = ElementTree.SubElement(chunk, "scalebars")
+    ElementTree.SubElement(bars, "scalebar", id="0", label="GCP0_GCP1")
+    project = read_project(_written(root, tmp_path / "cameras.xml"))
+    assert any("scale bars are not read (1)" in note for note in project.notes)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [("a.p4d", "<pix4d/>", "1_initial/params"), ("a.xlsx", "PK", "comma separated"),

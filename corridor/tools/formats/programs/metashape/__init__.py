@@ -115,6 +115,12 @@ class _Chunk:
         Returns the names of its cameras by their numbers.
         """
         here = {}
+        bars = element.all("scalebars/scalebar") + element.all("scalebars/group/scalebar")
+        if bars:
+            self.notes.append(
+                f"scale bars are not read ({len(bars)}): write them into distances.csv of the "
+                "block (from, to, distance), which `corridor adjust` uses"
+            )
         for part in element.all("sensors/sensor"):
             number = part.get("id", "")
             key = part.get("label") or f"sensor {number}"
