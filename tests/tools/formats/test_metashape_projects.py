@@ -241,3 +241,19 @@ def test_a_model_without_images_says_which_file_is_missing(tmp_path):
         (tmp_path / name).write_text("# nothing\n")
     with pytest.raises(InputError, match="images.bin or images.txt is missing"):
         read_project(tmp_path)
+
+
+@pytest.mark.parametrize("named", ["../../../elsewhere.zip", "{0}/elsewhere.zip"])
+def test_an_archive_outside_the_project_is_not_read(exported, tmp_path, named):
+    folder, block = exported
+    _, chunk = _merged(folder)
+    path = _psx(tmp_path / "here", chunk, block)
+    files = tmp_path / "here" / "river.files"
+    (files / "0" / "chunk.zip").rename(tmp_path / "elsewhere.zip")
+    document = ElementTree.Element("document", version="1.2.0")
+    chunks = ElementTree.SubElement(document, "chunks", next_id="2", active_id="0")
+    ElementTree.SubElement(chunks, "chunk", id="0", path=named.format(tmp_path))
+    with zipfile.ZipFile(files / "project.zip", "w") as archive:
+        archive.writestr("doc.xml", ElementTree.tostring(document))
+    with pytest.raises(InputError, match="outside the project's folder"):
+        read_project(path)

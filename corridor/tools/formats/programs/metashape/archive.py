@@ -66,7 +66,6 @@ class Archive:
                 f"{self._path.name}: {named} is not there; a project is the .psx and the folder "
                 f"{self._path.stem}.files beside it: copy both"
             )
-        self._at = home
         return self._read(home)
 
     def whole(self, chunk: Xml) -> tuple[Xml, Members]:
@@ -97,6 +96,11 @@ class Archive:
         return self._read(path), path
 
     def _read(self, path: Path) -> Xml:
+        if not path.resolve().is_relative_to(self._path.parent.resolve()):
+            raise InputError(
+                f"{self._at.name} names {path}, which is outside the project's folder: a project "
+                "of Metashape has all its archives below it; save it again"
+            )
         self._at = path
         with zipfile.ZipFile(path) as archive:
             return Xml.parse(_unpacked(archive, _DOCUMENT), path)
