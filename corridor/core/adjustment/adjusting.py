@@ -39,6 +39,7 @@ from corridor.core.adjustment.readjusting import (
 from corridor.core.adjustment.result import Adjustment, from_where_it_ended
 from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.turns import with_turns_as_seen
+from corridor.core.adjustment.warnings import implausible
 from corridor.core.block import Block, read, with_rigid_poses
 from corridor.core.effects import Effect, check_needs
 from corridor.core.engine.scene import SQUARES
@@ -220,7 +221,8 @@ def _with_ground_as_seen(
         result = whole(block)
     except (InputError, AdjustmentFailed) as error:
         failure = error
-    if failure is not None or not result.converged or result.sigma0 > _WRECKED:
+    wrecked = failure is not None or not result.converged or result.sigma0 > _WRECKED
+    if wrecked or implausible(result):
         sound, notes = without_exchanged(block, model, lambda *bare: again(*bare).block)
         if notes:
             try:

@@ -83,6 +83,7 @@ class TestGroundThatLiesElsewhere:
         [
             (lambda xyz: xyz + [0.0, 0.0, 45.3], r"\+44.* m from where images and GNSS.*geoid"),
             (lambda xyz: xyz / 0.3048, "ground.csv is in feet"),
+            (lambda xyz: xyz / [1.0, 1.0, 0.3048], "Heights of ground.csv are in feet"),
             (lambda xyz: xyz[:, [1, 0, 2]], "x and y exchanged"),
         ],
     )
