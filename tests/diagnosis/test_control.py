@@ -66,6 +66,16 @@ def test_blunders_of_seven_sigmas_are_found(shifts):
     assert right >= binom.ppf(0.001, 40, 0.95)
 
 
+@pytest.mark.parametrize("metres", [2.0, 20.0, 500.0])
+def test_of_a_point_that_is_far_off_no_other_is_accused(metres):
+    """Beyond 38 sigmas chance is no number any more, nor is that of points which it draws."""
+    for seed in range(5):
+        wrong = found({4: (metres, -metres, 0)}, seed)
+        assert wrong.of_point == {4: ("x", "y")}
+    two = found({1: (0, 0, metres), 5: (0, 0, 0.5 * metres)}, 0)
+    assert two.of_point == {1: ("z",), 5: ("z",)}
+
+
 def test_one_of_three_is_as_good_as_the_other_two():
     """Two given too low say what a third says that is given too high."""
     low = {0: (0, 0, -0.3), 1: (0, 0, -0.3)}

@@ -137,14 +137,13 @@ def _read_otherwise(given: np.ndarray, seen: np.ndarray) -> str:
     if len(given) < _LEAST_CONTROL:
         return ""
     left = _apart(given, seen)
-    read = {
-        (what, unit): _apart(given * (np.array(axes) * metres + 1 - np.array(axes)), seen)
-        for what, axes in (("ground.csv is", (1, 1, 1)), ("Heights of ground.csv are", (0, 0, 1)))
-        for unit, metres in UNITS_M.items()
-    }
-    what, unit = min(read, key=read.__getitem__)
-    if read[what, unit] < _ALIKE * left:
-        return f"{what} in {unit}, beside images and GNSS in metres: convert to metres."
+    for what, axes in (("ground.csv is", (1, 1, 1)), ("Heights of ground.csv are", (0, 0, 1))):
+        kept = given * (1 - np.array(axes))
+        read = {u: _apart(kept + m * (given - kept), seen) for u, m in UNITS_M.items()}
+        unit = min(read, key=read.__getitem__)
+        # Of a small unit hardly anything is left of them, which is as near to points of any kind.
+        if read[unit] < _ALIKE * min(left, _apart(kept, seen)):
+            return f"{what} in {unit}, beside images and GNSS in metres: convert to metres."
     if _apart(given[:, [1, 0, 2]], seen) < _ALIKE * left:
         return "ground.csv has x and y exchanged beside images and GNSS: x is east, y north."
     return ""

@@ -16,6 +16,7 @@ from corridor.core.adjustment.blunders import exchanged_points
 from corridor.core.adjustment.false_positions import false_apart, lengths
 from corridor.core.adjustment.result import Adjustment, Again
 from corridor.core.adjustment.variance_components import CONTRADICTING_FACTOR
+from corridor.core.adjustment.warnings import implausible
 from corridor.core.camera import project
 from corridor.core.errors import AdjustmentFailed, InputError, some
 from corridor.core.geometry import GROSS, OUTLIER, robust_scale_of_lengths
@@ -74,8 +75,12 @@ def _without_positions(result: Adjustment, again: Again, notes: list[str]) -> Ad
     table = result.residuals["gnss"]
     sigma = table[["sx", "sy", "sz"]].to_numpy()
     size = np.linalg.norm(table[["vx", "vy", "vz"]].to_numpy() / sigma, axis=1)
+    if not len(size):
+        return result
+    # A third of a flight that is tens of metres off draws all others after it, and the arm.
+    astray = bool(np.median(size) > GROSS and implausible(result))
     # At a glance; their own standard deviations need covariances.
-    if not len(size) or not (size > OUTLIER * max(np.median(size), 1.0)).any():
+    if not astray and not (size > OUTLIER * max(np.median(size), 1.0)).any():
         return result
     p, length = result.problem, lengths(result, sigma)
     flight = p.images.flight[p.gnss_image]
@@ -85,7 +90,8 @@ def _without_positions(result: Adjustment, again: Again, notes: list[str]) -> Ad
         scaled = mine / max(np.median(mine) / _OF_THREE, 1.0)
         far, alone = (np.count_nonzero(scaled > limit) for limit in (GROSS, _ALONE))
         # One of many that is off is a false fix, long before a block of them would be.
-        if 0 < far < _MOST * len(mine) or 0 < alone <= _LONE * len(mine):
+        few = 0 < far < _MOST * len(mine) or 0 < alone <= _LONE * len(mine)
+        if few or (astray and np.median(mine) > GROSS):
             flights.append(str(p.images.flight_names[number]))
     if not flights:
         return result

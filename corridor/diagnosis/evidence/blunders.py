@@ -20,8 +20,7 @@ from itertools import combinations
 
 import numpy as np
 from scipy.linalg import pinvh
-from scipy.special import chdtrc
-from scipy.stats import chi2
+from scipy.special import chdtrc, gammaln
 
 from corridor.diagnosis.evidence.evidence import Beside, Evidence
 from corridor.diagnosis.settings import SETTINGS
@@ -33,7 +32,10 @@ HEIGHT, PLAN = ("z",), ("x", "y")
 
 @dataclass(frozen=True)
 class Wrong:
-    """A hypothesis: numbers of the groups of points and which of their coordinates are wrong."""
+    """A hypothesis: numbers of the groups of points and which of their coordinates are wrong.
+
+    chance: log of the probability that its statistic is as large without it.
+    """
 
     points: tuple[int, ...]
     parts: tuple[tuple[str, ...], ...]
@@ -84,7 +86,7 @@ def blunders(evidence: Evidence) -> Blunders:
         one
         for one in (*singles, *pairs)
         if one.statistic > found.statistic - near
-        and one.chance < SETTINGS.control_level
+        and one.chance < np.log(SETTINGS.control_level)
         and not _holds(one, found)
         and not _holds(found, one)
     ]
@@ -100,9 +102,7 @@ def _log_odds(one: Wrong, other: Wrong) -> float:
     """Log odds of one hypothesis against another: by what chance would leave of each, and by the
     rate at which points are wrong, which two are more rarely than one."""
     usual = np.log((1.0 - SETTINGS.wrong_control) / SETTINGS.wrong_control)
-    left = [
-        float(chi2.logsf(w.statistic, sum(len(part) for part in w.parts))) for w in (one, other)
-    ]
+    left = [_log_chance(w.statistic, sum(len(part) for part in w.parts)) for w in (one, other)]
     # One of more points has passed a test of what the rest adds; it owes no more.
     return left[1] - left[0] + max(len(other.points) - len(one.points), 0) * usual
 
@@ -159,7 +159,7 @@ def _tested(evidence: Evidence, hypothesis: Iterable[tuple[int, tuple[str, ...]]
     )
     statistic, rank = _chi_square(evidence.reduced, at)
     # A coordinate that nothing else determines cannot be tested.
-    chance = float(chdtrc(rank, statistic)) if rank == len(at) else 1.0
+    chance = _log_chance(statistic, rank) if rank == len(at) else 0.0
     return Wrong(points, parts, statistic, chance)
 
 
@@ -183,14 +183,27 @@ def _worst(hypotheses: list[Wrong], given: tuple[Wrong, ...]) -> Wrong | None:
                 one.points,
                 one.parts,
                 one.statistic,
-                float(chdtrc(len(first.parts[0]), max(one.statistic - first.statistic, 0.0))),
+                _log_chance(max(one.statistic - first.statistic, 0.0), len(first.parts[0])),
             )
             for one in hypotheses
             if _holds(one, first)
         ]
-    count = len(hypotheses)
     best = min(hypotheses, key=lambda one: one.chance, default=None)
-    return best if best is not None and best.chance * count < SETTINGS.control_level else None
+    limit = np.log(SETTINGS.control_level / max(len(hypotheses), 1))
+    return best if best is not None and best.chance < limit else None
+
+
+def _log_chance(statistic: float, count: int) -> float:
+    """Log of the probability that chi square of so many degrees of freedom is larger.
+
+    Of a point a hundred sigmas off the probability itself is no number any more, nor are those of
+    the points that it draws: from there on its leading term (Abramowitz and Stegun 1964, 6.5.32).
+    """
+    chance = float(chdtrc(count, statistic))
+    if chance > np.finfo(float).tiny:
+        return float(np.log(chance))
+    half = 0.5 * statistic
+    return float((0.5 * count - 1.0) * np.log(half) - half - gammaln(0.5 * count))
 
 
 def _holds(larger: Wrong, smaller: Wrong) -> bool:

@@ -76,6 +76,17 @@ class TestPositions:
         diagnosed = corridor.diagnose(block)
         assert not diagnosed.effects and any(pairs in note for note in diagnosed.notes)
 
+    def test_a_third_that_are_tens_of_metres_up_is_set_aside(self):
+        """Where positions keep their sigmas otherwise, as a diagnosis begins."""
+        block = flown(1)
+        third = slice(len(block.gnss) // 3, 2 * len(block.gnss) // 3)
+        names = block.gnss["image"].astype(str).tolist()[third]
+        block.gnss = block.gnss.assign(z=block.gnss["z"].to_numpy(copy=True))
+        block.gnss.loc[block.gnss["image"].astype(str).isin(names), "z"] += 45.0
+        found = corridor.adjust(block, weights="marks")
+        assert found.converged and accuracy(found) < 0.03
+        assert any(f"{len(names)} GNSS positions disagree" in note for note in found.notes)
+
 
 class TestGroundThatLiesElsewhere:
     @pytest.mark.parametrize(
