@@ -105,9 +105,9 @@ def test_ten_stars_without_and_some_with_a_calibrated_camera():
         assert contain(sigmas < 1.96)
 
 
-def test_five_wheels_without_and_some_with_a_calibrated_camera():
-    """One is seen so nearly from the front that its focal length is hardly told."""
-    for percent, _, sigmas in judged(list(wheels())[::3], measure_wheel):
+def test_eight_wheels_without_and_some_with_a_calibrated_camera():
+    """The fifth is seen so nearly from the front that its focal length is hardly told."""
+    for percent, _, sigmas in judged(list(wheels())[::2], measure_wheel):
         assert contain(sigmas < 1.96)
         assert np.median(percent) < 0.3
         assert percent.max() < 1.2
