@@ -23,7 +23,6 @@ import corridor
 from corridor.core.preparation import plausibility_warnings, position_difference
 
 
-# Seen at first sight, without an adjustment: slip -> words of the sentence.
 def distance(factor):
     """A distance between two points of ground.csv, too long by a factor."""
 
@@ -37,6 +36,7 @@ def distance(factor):
     return edit
 
 
+# Seen at first sight, without an adjustment: slip -> words of the sentence.
 AT_FIRST_SIGHT = {
     "picture half as large": (
         both(toml("width = 5120", "width = 2560"), toml("height = 3840", "height = 1920")),
@@ -140,6 +140,12 @@ class TestPositionsBesidePoses:
 
     def test_what_agrees_is_not_told(self):
         assert self.told(self.poses + 0.5) == ""
+
+    @pytest.mark.parametrize(("metres", "unit"), [(0.3048, "feet"), (0.01, "centimetres")])
+    def test_heights_alone_in_another_unit_are_told(self, metres, unit):
+        given = self.poses / [1.0, 1.0, metres]
+        assert f"times those of images.csv: are they in {unit}?" in self.told(given)
+        assert "geoid" in self.told(self.poses + [0.0, 0.0, 45.0])
 
     def test_poses_of_a_frame_of_their_own_say_nothing(self):
         turned = self.poses @ np.array([[0.6, 0.8, 0], [-0.8, 0.6, 0], [0, 0, 1]]) * 0.3

@@ -215,7 +215,7 @@ def refit(
 def _with_ground_as_seen(
     block: Block, model: Model, whole: Callable[[Block], Adjustment], again: Callable
 ) -> tuple[Adjustment, list[str]]:
-    """The block adjusted; where that fails, without ground points that are exchanged."""
+    """The block adjusted; where that fails, or no camera is so, without exchanged ground points."""
     failure: InputError | AdjustmentFailed | None = None
     try:
         result = whole(block)
@@ -333,7 +333,7 @@ def _once(
         keep = run.strict and not refitted
         fallen = _fallen(problem, solution.state) if solution and not keep else set()
         if fallen:
-            return _without_fallen(start, block, fallen, model, run)
+            return _without_fallen(start, block, fallen, model, run, near, refitted)
         own = singular.shared is None and (singular.own is None or singular.own < 6)
         alone = None if singular.image is None else problem.images.names[singular.image]
         error = explain(at(problem.start), singular)
@@ -510,10 +510,16 @@ def _fallen(problem: Problem, state: State) -> set[str]:
 
 
 def _without_fallen(
-    start: Block, block: Block, names: set[str], model: Model, run: Run
+    start: Block,
+    block: Block,
+    names: set[str],
+    model: Model,
+    run: Run,
+    near: bool = False,
+    refitted: bool = False,
 ) -> Adjustment:
     """The adjustment, from its start again, without tie points that fell into a camera."""
-    found = _once(without_ties(block, names), model, run)
+    found = _once(without_ties(block, names), model, run, near=near, refitted=refitted)
     found.start = start
     found.add_note(
         f"{counted(len(names), 'tie point')} that the adjustment drew into a camera left out "

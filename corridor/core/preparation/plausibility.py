@@ -413,7 +413,8 @@ def position_difference(file: str, given: np.ndarray, other: str, known: np.ndar
     level = np.abs(middle[:2]).max() < min(_FAR_UP_M, 0.3 * abs(middle[2]))
     if level and spread.max() < max(0.25 * abs(middle[2]), 2.0):
         for one, mine, two, others in ((file, given, other, known), (other, known, file, given)):
-            unit = unit_of(float(np.median(mine[:, 2]) / np.median(others[:, 2])))
+            height = float(np.median(others[:, 2]))
+            unit = unit_of(float(np.median(mine[:, 2])) / height) if height else ""
             if unit:
                 return (
                     f"Heights of {one} are {1.0 / UNITS_M[unit]:.4g} times those of {two}: are "
