@@ -6,6 +6,8 @@ import os
 import time
 from dataclasses import asdict
 
+import numpy as np
+
 from corridor.core.adjustment import (
     Adjustment,
     Model,
@@ -15,12 +17,18 @@ from corridor.core.adjustment import (
     refit,
     with_turns_as_seen,
 )
-from corridor.core.block import Block, read, with_equal_axes, without_distances
+from corridor.core.block import EXACT_M, SIGMA, Block, read, with_equal_axes, without_distances
 from corridor.core.engine.threads import one_thread
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.options import options
 from corridor.core.output import plain
-from corridor.core.preparation import derived, mirrored, plausibility_warnings, prepare
+from corridor.core.preparation import (
+    derived,
+    mirrored,
+    plausibility_warnings,
+    prepare,
+    without_marks_of_other_pictures,
+)
 from corridor.diagnosis.anomalies.variance import variance_alarms
 from corridor.diagnosis.anomalies.wrong_matches import broken_picture, outlier_clusters, shows_as
 from corridor.diagnosis.findings.diagnosed import Diagnosed
@@ -114,14 +122,22 @@ def _diagnose(
     """With the settings in use."""
     began = time.perf_counter()
     block, unused = without_distances(read(block))
+    block, exact = _without_exact_control(block)
     block, equal = with_equal_axes(block)
     block, found, notes = prepare(block)
-    notes = [*unused, *equal, *(one.sentence for one in found if one.column == "gnss"), *notes]
+    notes = [
+        *unused,
+        *exact,
+        *equal,
+        *(one.sentence for one in found if one.column == "gnss"),
+        *notes,
+    ]
     for told in mirrored(block):
         raise InputError(f"{told} Correct tie_points.csv and marks.csv.")
     block, turned = with_turns_as_seen(block, lambda part: refit(part, model, run))
+    block, other = without_marks_of_other_pictures(block, run.strict)
     block, left_out = adjustable_part(block, model, run.strict)
-    doubtful = [*turned, *plausibility_warnings(block)]
+    doubtful = [*turned, *other, *plausibility_warnings(block)]
     notes = [*left_out, *notes]
     believed = ReferenceModel.of(block, model, run)
     try:
@@ -176,6 +192,21 @@ def _diagnose(
         seed=asked.seed,
         settings=settings,
     )
+
+
+def _without_exact_control(block: Block) -> tuple[Block, list[str]]:
+    """Control that is held exactly as if nothing were stated of it, and a sentence that says so:
+    what is held exactly cannot be asked whether it is right."""
+    sigma = block.ground_sigma()
+    exact = sigma <= EXACT_M
+    if not exact.any():
+        return block, []
+    block = block.copy()
+    block.put("ground", ("sx", "sy", "sz"), np.where(exact, SIGMA["control_m"], sigma))
+    return block, [
+        f"Ground points with a standard deviation of 0 count with {SIGMA['control_m'][0]:g} m, as "
+        "those without one: state how accurate the survey is."
+    ]
 
 
 def _add_discontinuity(found: Findings, before: Adjustment, last: Adjustment) -> None:

@@ -19,6 +19,7 @@ from corridor.core.effects import Candidates, Effect, candidates, every_effect
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis.evidence.blunders import Blunders, blunders, price, stands
 from corridor.diagnosis.evidence.evidence import Evidence
+from corridor.diagnosis.evidence.jumps import with_jumps
 from corridor.diagnosis.evidence.lens import Lens, lens_group, lens_of, names_of_lens
 from corridor.diagnosis.evidence.nothing import probability_of_nothing
 from corridor.diagnosis.evidence.plausibility import impossible, nameless, plausible
@@ -194,6 +195,7 @@ def course_of(
             one.shed()
             continue
         model = one.keys
+        chosen.effects = with_jumps(chosen.effects, one.evidence, one.found)
         say(f"adjusting with {', '.join(model) or 'nothing more'}")
         try:
             adjustment = believed.adjust(course.members(model)) if model else first

@@ -135,7 +135,8 @@ class ReferenceModel:
         for effect in more:
             held = effect.stands_in_for or effect.generic or effect.group in ("image", "point")
             for parameter in effect.parameters(self.block):
-                size = 1.0 if effect.group == "image" else SETTINGS.prior_of_adjusted
+                each = effect.group == "image" or (effect.group == "point" and effect.generic)
+                size = 1.0 if each else SETTINGS.prior_of_adjusted
                 wide = size * parameter.scale
                 sigma = min(wide if held else np.inf, parameter.most / SETTINGS.implausible_sigma)
                 if np.isfinite(sigma):

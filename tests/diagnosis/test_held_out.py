@@ -25,7 +25,7 @@ def fit(tie, check, points=8):
     )
     checks = pd.DataFrame({"point": names}).assign(
         **dict.fromkeys(("dx", "dy", "dz"), check / np.sqrt(3)),
-        **dict.fromkeys(("sx", "sy", "sz"), 0.03),
+        **dict.fromkeys(("s_dx", "s_dy", "s_dz"), 0.03),
     )
     return SimpleNamespace(
         system=SimpleNamespace(

@@ -248,7 +248,7 @@ class TestCheckPointsThatNothingExplains:
         table = pd.DataFrame({"point": ["A", "B", "C"], "dx": 0.0, "dy": 0.0, "dz": off})
         after = SimpleNamespace(
             system=SimpleNamespace(control_names=[]),
-            check_points=table.assign(sx=0.01, sy=0.01, sz=0.01),
+            check_points=table.assign(s_dx=0.01, s_dy=0.01, s_dz=0.01),
         )
         return tell(SimpleNamespace(gap=gap, check_sigmas=sigmas, block=block, after=after))
 

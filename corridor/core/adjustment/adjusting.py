@@ -21,7 +21,7 @@ from corridor.core.adjustment.datum import (
 )
 from corridor.core.adjustment.false_positions import without_false_fixes
 from corridor.core.adjustment.gross_errors import without_gross_errors
-from corridor.core.adjustment.ground_variances import ground_doubts, with_marks_as_they_are
+from corridor.core.adjustment.ground_variances import with_ground_doubts, with_marks_as_they_are
 from corridor.core.adjustment.left_out import adjustable_part
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.matrix import Singular
@@ -46,7 +46,12 @@ from corridor.core.engine.scene import SQUARES
 from corridor.core.errors import AdjustmentFailed, InputError, some
 from corridor.core.options import options
 from corridor.core.output import Progress, counted, telling
-from corridor.core.preparation import Prepared, plausibility_warnings, prepare
+from corridor.core.preparation import (
+    Prepared,
+    plausibility_warnings,
+    prepare,
+    without_marks_of_other_pictures,
+)
 
 # Real flights take 15 to 30; a robust loss creeps along weak directions for up to 70.
 ITERATIONS = 100
@@ -60,6 +65,8 @@ _SPARE = 0.05
 _FOR_A_PAIR = 5
 # Sigma naught of what has been adjusted to something that cannot be.
 _WRECKED = 20.0
+# Share of marks far off beyond which it is not they that are wrong.
+_MANY = 0.2
 _WEIGHTS = ("estimated", "marks", "stated")
 # A point that ends this near to a camera, of where it began, has fallen into it.
 _FALLEN = 0.1
@@ -157,8 +164,9 @@ def adjust(
             return found
 
     block, turned = with_turns_as_seen(block, again)
+    block, other = without_marks_of_other_pictures(block, run.strict)
     block, left_out = adjustable_part(block, model, run.strict)
-    doubtful = [*turned, *plausibility_warnings(block)]
+    doubtful = [*turned, *other, *plausibility_warnings(block)]
 
     def whole(part: Block) -> Adjustment:
         found = _without_gross_errors(part, model, again, weights == "marks")
@@ -168,10 +176,9 @@ def adjust(
         if weights == "estimated":
             found = with_common_offset(found, again, part.gnss_sigma())
             found = with_gnss_as_it_is(found, again)
-            for doubt in ground_doubts(found):
-                found.add_note(doubt)
         found = with_motion_as_seen(without_unseen_arms(found, again), again)
-        return with_held_focal_asked(found, again)
+        found = with_held_focal_asked(found, again)
+        return with_ground_doubts(found) if weights == "estimated" else found
 
     try:
         result, exchanged = _with_ground_as_seen(block, model, whole, again)
@@ -222,7 +229,8 @@ def _with_ground_as_seen(
     except (InputError, AdjustmentFailed) as error:
         failure = error
     wrecked = failure is not None or not result.converged or result.sigma0 > _WRECKED
-    if wrecked or implausible(result):
+    # A robust loss takes marks of points that lie elsewhere for wrong ones.
+    if wrecked or _many_wrong_marks(result) or implausible(result):
         sound, notes = without_exchanged(block, model, lambda *bare: again(*bare).block)
         if notes:
             try:
@@ -232,6 +240,11 @@ def _with_ground_as_seen(
     if failure is not None:
         raise failure
     return result, []
+
+
+def _many_wrong_marks(result: Adjustment) -> bool:
+    gross = result.residuals["mark"]["gross"]
+    return len(gross) > 0 and gross.mean() > _MANY
 
 
 def _without_gross_errors(

@@ -31,6 +31,17 @@ EXCHANGED, _EXCHANGED_SIGMAS, _FARTHEST = 0.25, 5.0, 20
 # Another reading of the coordinates is the right one where it leaves less than this share; so far
 # off, m, points lie elsewhere: nearer, an adjustment gets over it and tells.
 _ALIKE, _ELSEWHERE_M = 0.1, 2.0
+# Axes that coordinates are given in by mistake: their order and signs.
+_AXES = (
+    ("x and y exchanged", [1, 0, 2], [1, 1, 1]),
+    ("x and y exchanged, and x with the opposite sign", [1, 0, 2], [1, -1, 1]),
+    ("x and y exchanged, and y with the opposite sign", [1, 0, 2], [-1, 1, 1]),
+    ("x and y exchanged, both with the opposite sign", [1, 0, 2], [-1, -1, 1]),
+    ("x with the opposite sign", [0, 1, 2], [-1, 1, 1]),
+    ("y with the opposite sign", [0, 1, 2], [1, -1, 1]),
+    ("x and y with the opposite sign", [0, 1, 2], [-1, -1, 1]),
+    ("z counted downwards", [0, 1, 2], [1, 1, -1]),
+)
 # Control points that hold a block without GNSS.
 _LEAST_CONTROL = 3
 
@@ -144,8 +155,10 @@ def _read_otherwise(given: np.ndarray, seen: np.ndarray) -> str:
         # Of a small unit hardly anything is left of them, which is as near to points of any kind.
         if read[unit] < _ALIKE * min(left, _apart(kept, seen)):
             return f"{what} in {unit}, beside images and GNSS in metres: convert to metres."
-    if _apart(given[:, [1, 0, 2]], seen) < _ALIKE * left:
-        return "ground.csv has x and y exchanged beside images and GNSS: x is east, y north."
+    turned = {words: _apart(given[:, order] * sign, seen) for words, order, sign in _AXES}
+    words = min(turned, key=turned.__getitem__)
+    if turned[words] < _ALIKE * left:
+        return f"ground.csv has {words} beside images and GNSS: x is east, y north, z up."
     return ""
 
 

@@ -22,7 +22,7 @@ from corridor.core.adjustment.result import (
     where_it_leads,
 )
 from corridor.core.adjustment.variance_components import CONTRADICTING_FACTOR, RARE_CHANCE, general
-from corridor.core.block import Block, places
+from corridor.core.block import EXACT_M, Block, places
 from corridor.core.camera import projection_derivatives
 
 _FEWEST = 6
@@ -47,14 +47,35 @@ def with_marks_as_they_are(result: Adjustment, again: Again) -> Adjustment:
     return found
 
 
-def ground_doubts(result: Adjustment) -> list[str]:
-    """Sentences on marks, or else on ground control, whose residuals contradict what is stated."""
+def with_ground_doubts(result: Adjustment) -> Adjustment:
+    """The result with a note on marks, or else on ground control, whose residuals contradict what
+    is stated, and with `control_factor`."""
     # Marks first: what strains them shows in the residuals of control.
     factor = _of_marks(result)
     if factor > 1.0:
-        return [_told_marks(result.start, factor)]
-    factor = _of_control(result)
-    return [_told_control(result.start, factor)] if factor > 1.0 else []
+        result.add_note(_told_marks(result.start, factor))
+        return result
+    result.control_factor = _of_control(result)
+    if result.control_factor > 1.0:
+        result.add_note(_told_control(result.start, result.control_factor))
+    elif exact := _strained_by_exact(result):
+        result.add_note(exact)
+    return result
+
+
+def _strained_by_exact(result: Adjustment) -> str:
+    """A sentence on exact control that the marks contradict, which meet each other; or nothing."""
+    given = result.residuals["control"]["sx"].to_numpy()
+    marks = result.statistics["mark"]
+    ratio = marks["sigma0"] / general(result) if marks else 0.0
+    if not result.converged or not (given <= EXACT_M).any() or ratio < CONTRADICTING_FACTOR:
+        return ""
+    return (
+        f"Ground control is held exactly (standard deviation 0), and its marks miss it by "
+        f"{ratio:.1f} times their standard deviation, though the rays to each point meet: state "
+        "how accurate the survey is (sx, sy, sz of ground.csv, or control_m in block.toml). "
+        "`corridor diagnose` finds out whether a point is wrong."
+    )
 
 
 def _of_marks(result: Adjustment) -> float:

@@ -32,7 +32,8 @@ class Adjustment(Tables):
     """A block after adjustment, with everything one asks of it; see `print`.
 
     required: 3D RMS of the check points that is good enough, metres, for the report; may be set.
-    doubts: what is probably a mistake in the block; see `corridor.preparation`.
+    doubts: what is probably a mistake in the block; see `corridor.preparation`. control_factor: by
+    what its residuals say that standard deviations of ground control are too small.
     """
 
     required: float | None = None
@@ -48,6 +49,7 @@ class Adjustment(Tables):
         super().__init__(start, solution, covariance, seconds)
         self._notes = notes
         self.doubts: list[str] = []
+        self.control_factor = 1.0
 
     def __repr__(self) -> str:
         return (

@@ -343,7 +343,7 @@ def _wrong_control(a):
     # knows who is right, but of a gross error which all else bends to.
     doubtful = any(a.statistics[kind].get("sigma0", 0.0) > _DOUBTFUL for kind in ("gnss", "mark"))
     if doubtful or len(found) >= len(table):
-        found = found[found["w"].abs() > GROSS][:1]
+        found = found[found["w"].abs() > GROSS * a.control_factor][:1]
     if not len(found):
         return
     axes = {"x": "x", "y": "y", "z": "height"}

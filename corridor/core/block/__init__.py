@@ -2,6 +2,7 @@
 
 from corridor.core.block.attitudes import level_axes
 from corridor.core.block.block import (
+    EXACT_M,
     Block,
     files_of,
     is_block,
@@ -32,6 +33,7 @@ from corridor.core.block.rigs import (
     relative,
     with_rigid_poses,
 )
+from corridor.core.block.settings import SIGMA
 from corridor.core.block.summary import Summary
 from corridor.core.block.tables import (
     LAYOUTS,

@@ -94,6 +94,7 @@ class Effect(ABC):
     stands_in_for: camera parameters that have to be held, or the effect to have a prior: it can
     move what they move.
     revealed_by, unobservable_when: the data that show it, and the flight that hides it, for people.
+    remedy: what to do in the block about it, where an effect in the model is not the way.
     about: what is modelled, and its source; by default the text at the head of the file.
     """
 
@@ -116,6 +117,7 @@ class Effect(ABC):
     stands_in_for: tuple[str, ...] = ()
     revealed_by: str = ""
     unobservable_when: str = ""
+    remedy: str = ""
     about: str = ""
     variants: tuple[Variant, ...] = ()
 
@@ -167,6 +169,10 @@ class Effect(ABC):
 
     def form(self, block: Block) -> Effect:
         """The effect as this block's data let it be: other parameters, another group."""
+        return self
+
+    def with_moments(self, times: tuple[float, ...]) -> Effect:
+        """The effect with more moments, s, where it is one that changes at moments."""
         return self
 
     def stated(self, block: Block) -> dict[str, float | dict[str, float]] | None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from corridor.core.effects.context import Images
@@ -17,9 +19,19 @@ class AtMoments(LinearEffect):
     def __init__(self, group: str | None = None, at: tuple[float, ...] | None = None):
         super().__init__(group)
         self.at = at
+        self.more: tuple[float, ...] = ()
+
+    def with_moments(self, times: tuple[float, ...]) -> AtMoments:
+        """With other moments beside those that it has by itself."""
+        out = copy(self)
+        out.more = times or self.more
+        return out
 
     def moments(self, images: Images) -> np.ndarray:
         """Times of the changes, s, none of them that of an image."""
+        return np.union1d(self._own_moments(images), self.more)
+
+    def _own_moments(self, images: Images) -> np.ndarray:
         if self.at is not None:
             return np.asarray(self.at, dtype=float)
         times = np.unique(images.time[np.isfinite(images.time)])

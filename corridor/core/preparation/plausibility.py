@@ -6,13 +6,14 @@ Each doubt is one sentence with the likely cause. Nothing here stops anything: a
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from difflib import get_close_matches
 
 import numpy as np
 
 from corridor.core.block import LAYOUTS, Block
 from corridor.core.camera import INTERIOR
-from corridor.core.errors import did_you_mean
+from corridor.core.errors import InputError, did_you_mean
 from corridor.core.geometry import (
     GROSS,
     is_outlier,
@@ -72,8 +73,9 @@ def plausibility_warnings(block: Block) -> list[str]:
         *earth_warnings(block),
         *_positions(block),
         *_pictures(block),
-        # Where tie points are turned, marks are turned with them.
-        *(list(mirrored(block)) or list(turned_images(block)) or _marks_of_other_pictures(block)),
+        *mirrored(block),
+        *turned_images(block),
+        *without_marks_of_other_pictures(block)[1],
         *_settings(block),
         *_units(block),
         *_passed_over(block),
@@ -288,8 +290,22 @@ def mirrored(block: Block) -> Iterator[str]:
         )
 
 
+def without_marks_of_other_pictures(block: Block, strict: bool = False) -> tuple[Block, list[str]]:
+    """The block without marks that lie where start values put them in pictures resized, turned or
+    mirrored, and a sentence that says so: no adjustment with them is of any use.
+
+    Where tie points are turned, marks are turned with them. strict: raises InputError instead.
+    """
+    if list(mirrored(block)) or list(turned_images(block)):
+        return block, []
+    told = list(_marks_of_other_pictures(block))
+    if told and strict:
+        raise InputError(told[0])
+    return (replace(block, marks=block.marks.iloc[:0]) if told else block), told
+
+
 def _marks_of_other_pictures(block: Block) -> Iterator[str]:
-    """Marks that lie where start values put them in pictures resized, turned or mirrored."""
+    """A sentence on marks of other pictures, with the way to correct them."""
     rows, image = block.marks, block.image_rows("marks")
     if len(rows) < _FEWEST:
         return
@@ -321,8 +337,8 @@ def _marks_of_other_pictures(block: Block) -> Iterator[str]:
         if np.median(np.linalg.norm(other - there, axis=1)) < _OF_RESIZED * min(off, left):
             yield (
                 f"Marks lie {off:.0f} px (median) from where the start values put them, as if "
-                f"{words}: measure them in the pictures as the tie points were measured, or take "
-                "marks.csv out: without it the other measurements adjust."
+                f"{words}: they are set aside, and ground points with them. Measure them in the "
+                "pictures in which the tie points were measured."
             )
             return
     if not abs(np.log(max(factor, 1e-9))) > _RESIZED or left > _OF_RESIZED * off:
@@ -334,8 +350,8 @@ def _marks_of_other_pictures(block: Block) -> Iterator[str]:
     yield (
         f"Marks lie {off:.0f} px (median) from where the start values put them, all towards the "
         f"corner x = y = 0 by one factor, {factor:.2f}: were they measured in pictures of "
-        f"{width:.0f} x {height:.0f} px? Multiply x and y of marks.csv by {1 / factor:.3f}, or "
-        "take marks.csv out: without it the other measurements adjust."
+        f"{width:.0f} x {height:.0f} px? Multiply x and y of marks.csv by {1 / factor:.3f}; until "
+        "then they are set aside, and ground points with them."
     )
 
 

@@ -120,6 +120,8 @@ _MISTAKEN = {
 # What a mistake explains: stated and flown then differ by less than half of the speed, and by less
 # than a third of what they differ as they are.
 _EXPLAINS, _BETTER = 0.5, 1.0 / 3.0
+# Directions that differ by more than 60 degrees, and the share of pairs that wind does not reach.
+_ELSEWHERE, _MANY = 1.0, 0.1
 
 
 def velocity_warnings(block: Block) -> list[str]:
@@ -138,6 +140,12 @@ def velocity_warnings(block: Block) -> list[str]:
             ]
     if count < 5:
         return []
+    elsewhere = int((as_they_are > _ELSEWHERE).sum())
+    if elsewhere > _MANY * count:
+        return [
+            f"images.csv: vx, vy, vz point elsewhere than the way from image to image in "
+            f"{elsewhere} of {count} pairs: has each image its own velocity?"
+        ]
     middle = float(np.median(pairs.told / pairs.flown))
     if abs(np.log(middle)) < np.log(1.4):
         return []

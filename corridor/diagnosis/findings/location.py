@@ -48,8 +48,9 @@ def _ground(system, effect, control, table) -> tuple[str, dict]:
     size = np.linalg.norm(shift - np.median(shift, axis=0), axis=1)
     worst = int(np.argmax(size))
     x, y = (float(v) for v in given[worst, :2])
+    each = f"{1000 * np.sqrt(np.mean(size**2)):.0f} mm (3D RMS), " if len(table) > 1 else ""
     return (
-        f"largest at control point {control[worst]}, x = {x:.0f} m, y = {y:.0f} m: "
+        f"{each}largest at control point {control[worst]}, x = {x:.0f} m, y = {y:.0f} m: "
         f"{1000 * size[worst]:.0f} mm",
         {"x": x, "y": y},
     )
@@ -128,8 +129,9 @@ def _time(images, shift, e) -> tuple[str, dict]:
     jump = np.linalg.norm(np.diff(away[order], axis=0), axis=1)
     k = int(np.argmax(jump))
     moment = float((time[order[k]] + time[order[k + 1]]) / 2)
+    after = order[k + 1]
     flight = str(images.flight_names[images.flight[order[k]]])
     return (
-        f"changes most at {moment:.1f} s, flight {flight}",
+        f"changes most at {moment:.1f} s, flight {flight}, before image {images.names[after]}",
         {"flight": flight, "time_s": moment},
     )

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from corridor.core.adjustment import tested_by
+from corridor.core.effects import every_effect
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.report.tables import by_remedy
-from corridor.diagnosis.report.wording import effects_by_slug, listed
+from corridor.diagnosis.report.wording import effects_by_slug, listed, upper
 
 MOST = 3
 
@@ -18,6 +19,7 @@ def actions(d: Diagnosed) -> list[str]:
     steps = [
         *_corrected(d),
         *_surveyed(d),
+        *_stated(d),
         *_added(d),
         *_told_apart(d),
         *_looked_at(d),
@@ -57,10 +59,10 @@ def _surveyed(d: Diagnosed) -> list[str]:
 def _added(d: Diagnosed) -> list[str]:
     """Effects that were found, as an option of the command, and the blocks that have them."""
     # What is wrong with one point is no effect of the model.
-    slugs = [key for key in d.used if "." not in key]
+    known, free = effects_by_slug(), d.after.problem.free.values()
+    slugs = [key for key in d.used if "." not in key and not known[key].remedy]
     if not slugs:
         return []
-    known, free = effects_by_slug(), d.after.problem.free.values()
     doubled = {name for slug in slugs for name in known[slug].stands_in_for}
     if any(doubled & set(names) for names in free):
         # Beside a free camera the command would ask for a prior that the diagnosis has given it.
@@ -72,6 +74,13 @@ def _added(d: Diagnosed) -> list[str]:
         f"Adjust with what was found: `corridor adjust BLOCK --effect {','.join(slugs)} -o OUT2`, "
         "or go on with OUT/block; OUT/corrected is for programs that do not know it"
     ]
+
+
+def _stated(d: Diagnosed) -> list[str]:
+    """What the block should state otherwise."""
+    remedies = {effect.slug: effect.remedy for effect in every_effect()}
+    found = dict.fromkeys(one.group for one in d.findings.unknown if one.kind == "unknown")
+    return [upper(remedies[slug]) for slug in found if remedies.get(slug)]
 
 
 def _told_apart(d: Diagnosed) -> list[str]:

@@ -100,7 +100,8 @@ def make_groups(
             continue
         entries = [(n, u.group, u.at[1]) for n, u in enumerate(shared) if u.owner == effect.slug]
         names = dict.fromkeys(name for _, name, _ in entries)
-        for part in names if effect.group == "point" else [None] * bool(entries):
+        single = effect.group == "point" and not effect.generic
+        for part in names if single else [None] * bool(entries):
             mine = [entry for entry in entries if part is None or entry[1] == part]
             labels = [(name, parameters[k].name, parameters[k].unit) for _, name, k in mine]
             key = effect.slug if part is None else f"{effect.slug}.{part}"

@@ -197,7 +197,7 @@ def check_misfit(adjustment: Adjustment) -> float:
 def _off(adjustment: Adjustment, points: pd.Series) -> tuple[np.ndarray, np.ndarray]:
     """What check points (n,) are off by (n, 3), m, and its sigma, that of the survey included."""
     table = adjustment.check_points.set_index("point").loc[points]
-    return table[["dx", "dy", "dz"]].to_numpy(), table[["sx", "sy", "sz"]].to_numpy()
+    return table[["dx", "dy", "dz"]].to_numpy(), table[["s_dx", "s_dy", "s_dz"]].to_numpy()
 
 
 def harms(without: Adjustment, with_it: Adjustment) -> bool:
@@ -289,8 +289,9 @@ def check_gap(before: Adjustment, after: Adjustment) -> dict[str, float] | None:
 
 
 def check_sigmas(after: Adjustment) -> float | None:
-    """By how many of their standard deviations check points are off, RMS; None without any."""
-    count = 3 * len(after.check_points)
+    """By how many of their standard deviations check points are off, RMS; None without any, and of
+    a free network, which lies where its start poses are."""
+    count = 3 * len(after.check_points) if after.system.held is None else 0
     return float(np.sqrt(check_misfit(after) / count)) if count else None
 
 

@@ -6,6 +6,7 @@ from strips import corridor_block
 
 import corridor
 from corridor.core.adjustment import left_out
+from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.preparation import plausibility_warnings
 
 
@@ -69,6 +70,10 @@ def test_marks_of_resized_pictures_are_told(factor):
     block.marks[["x", "y"]] = (block.marks[["x", "y"]] + 0.5) * factor - 0.5
     (told,) = [s for s in plausibility_warnings(block) if "by one factor" in s]
     assert f"{factor:.2f}" in told
+    found = corridor.adjust(block)
+    assert found.warnings[0] == told and found.sigma0 < 1.2 and not len(found.check_points)
+    with pytest.raises(InputError, match="by one factor"):
+        corridor.adjust(block, strict=True)
 
 
 @pytest.mark.parametrize(
@@ -88,6 +93,23 @@ def test_marks_of_turned_and_mirrored_pictures_are_told(change, said):
     block.marks[["x", "y"]] = change(block.marks[["x", "y"]].to_numpy(), size)
     (told,) = [s for s in plausibility_warnings(block) if "Marks lie" in s]
     assert said in told
+
+
+@pytest.mark.parametrize(
+    ("read", "said"),
+    [
+        (lambda x, y, z: (y, x, z), "x and y exchanged beside"),
+        (lambda x, y, z: (y, -x, z), "x and y exchanged, and y with the opposite sign"),
+        (lambda x, y, z: (x, -y, z), "y with the opposite sign"),
+        (lambda x, y, z: (900.0 - x, y, z), "x with the opposite sign"),
+        (lambda x, y, z: (x, y, -z), "z counted downwards"),
+    ],
+)
+def test_ground_points_with_other_axes_are_refused_and_told(read, said):
+    block = flown(relief=6.0)
+    block.ground[["x", "y", "z"]] = np.stack(read(*block.numbers("ground", *"xyz").T), axis=1)
+    with pytest.raises((InputError, AdjustmentFailed), match=said):
+        corridor.adjust(block)
 
 
 def hanging():

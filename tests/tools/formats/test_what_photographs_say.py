@@ -203,6 +203,7 @@ def test_velocities_go_into_a_frame_that_has_a_north_only():
         (lambda v: -v[:, [1, 0, 2]], "exchanged, with the opposite sign?"),
         (lambda v: 3.6 * v, "km/h?"),
         (lambda v: 1.9438 * v, "knots?"),
+        (lambda v: np.roll(v, 3, axis=0), "its own velocity?"),
     ],
 )
 def test_velocities_that_contradict_the_way_flown_are_told_with_the_mistake(mistaken, word):
