@@ -178,6 +178,11 @@ def course_of(
     for number in range(1 + SETTINGS.most_refits):
         say(f"searching, round {number + 1}")
         one = _round(course, adjustment, believed, model, threshold)
+        factor = None if number else one.noises.misstated
+        if factor is not None:
+            believed.restate_positions(factor, one.adjustment)
+            course.first = adjustment = first = believed.adjust()
+            one = _round(course, adjustment, believed, model, threshold)
         threshold = one.threshold
         course.rounds.append(one)
         if not number:

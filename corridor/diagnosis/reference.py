@@ -200,6 +200,24 @@ class ReferenceModel:
         )
 
 
+    def restate_positions(self, factor: np.ndarray, result: Adjustment) -> None:
+        """Give antenna positions of each flight so many times (flights, 3) their standard
+        deviations; result: the adjustment that the flights are those of."""
+        block, names = self.block.copy(), list(result.problem.images.flight_names)
+        flight = np.array([names.index(name) for name in block.flight_names])
+        row = flight[block.image_flight[block.image_rows("gnss")]]
+        before = block.gnss_sigma()
+        after = before * factor[row]
+        block.put("gnss", ("sx", "sy", "sz"), after)
+        self.block = block
+        said, told = (1000.0 * np.median(sigma, axis=0) for sigma in (before, after))
+        self.left_out.append(
+            f"GNSS positions count with ({told[0]:.2g}, {told[1]:.2g}, {told[2]:.2g}) mm in x, y, "
+            f"z, where ({said[0]:.2g}, {said[1]:.2g}, {said[2]:.2g}) mm are stated: so small that "
+            "the cameras follow them, and the images contradict it."
+        )
+
+
 def _from(block: Block, at: Block) -> Block:
     """The block with poses, points and cameras of another of the same as start."""
     return replace(block, images=at.images, points=at.points, cameras=at.cameras)

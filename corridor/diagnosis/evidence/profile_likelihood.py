@@ -44,10 +44,19 @@ class NoiseModel:
         self._found: dict[tuple, Likely] = {}
         if self.few:
             return
-        self.stated = stated_noise(made.equations.system)
+        self.stated = stated_noise(made.equations.system, _redundancy(made))
         self.arguments = Arguments(self.stated)
         self._near = None if near is None else self.arguments.of(near)
         self._base = made.log_probability
+
+    @property
+    def misstated(self) -> np.ndarray | None:
+        """Factors (flights, 3) on stated standard deviations so small that cameras follow the
+        positions, beside no effect; None where what is stated can be asked as it is."""
+        if self.few or not (np.isinf(self.stated.most[0]) & np.isfinite(self.stated.most[1])).any():
+            return None
+        factor = np.maximum(self._likely({}).noise.white, 1.0)
+        return factor if (factor > SETTINGS.white_of_scatter).any() else None
 
     def touches(self, n: int) -> float:
         """Share of what a group explains that the antenna positions see: 0 to 1, or more."""
@@ -164,6 +173,14 @@ class NoiseModel:
         unit = rng.standard_normal((SETTINGS.noise_draws, len(likely.x)))
         made = likely.x + (unit * spread) @ vector.T
         return np.clip(made, self.arguments.low, self.arguments.high), np.sum(unit**2, axis=1)
+
+
+def _redundancy(made: Elimination) -> np.ndarray:
+    """Mean redundancy (3,) of the antenna positions on each axis, with their stated noise."""
+    sigma = made.equations.system.gnss.sigma.ravel()
+    sign = signs(len(sigma), _SIGNS)
+    share = (sign * made.weight(sign)).mean(axis=1) * sigma**2
+    return share.reshape(-1, 3).mean(axis=0)
 
 
 def signs(count: int, many: int) -> np.ndarray:

@@ -168,8 +168,8 @@ def times_of(images, image: np.ndarray) -> np.ndarray:
     return SETTINGS.untimed_step * image.astype(float)
 
 
-def stated_noise(system: LinearSystem) -> GnssNoise:
-    """The noise that gnss.csv states, white."""
+def stated_noise(system: LinearSystem, redundancy: np.ndarray | float = 1.0) -> GnssNoise:
+    """The noise that gnss.csv states, white. redundancy: see `most_of_class`."""
     images, rows = system.images, system.gnss
     flights = len(images.flight_names)
     return GnssNoise(
@@ -179,12 +179,15 @@ def stated_noise(system: LinearSystem) -> GnssNoise:
         white=np.ones((flights, 3)),
         coloured=np.zeros((flights, 3)),
         tau=np.full((flights, 3), SETTINGS.time_constant_prior[0]),
-        most=most_of_class(system),
+        most=most_of_class(system, redundancy),
     )
 
 
-def most_of_class(system: LinearSystem) -> np.ndarray:
+def most_of_class(system: LinearSystem, redundancy: np.ndarray | float = 1.0) -> np.ndarray:
     """Largest white and slow part (2, 3) m of antenna positions, by their class.
+
+    redundancy (3,): mean of the positions' on each axis. Cameras follow positions that are stated
+    much too well; that share of errors is left, and bounds nothing where it is small.
 
     The class is told by what is stated and by how much positions differ from one to the next, of
     which slow noise has no part: who states centimetres of a code solution is not believed.
@@ -199,4 +202,5 @@ def most_of_class(system: LinearSystem) -> np.ndarray:
     if np.maximum(stated, scatter)[:2].max() > SETTINGS.carrier_phase_plan:
         return np.full((2, 3), np.inf)
     slow = np.maximum(SETTINGS.carrier_phase_slow, np.minimum(stated, scatter))
-    return np.array([SETTINGS.white_of_scatter * scatter, slow])
+    told = np.broadcast_to(redundancy, 3) * SETTINGS.white_of_scatter > 1.0
+    return np.array([np.where(told, SETTINGS.white_of_scatter * scatter, np.inf), slow])
