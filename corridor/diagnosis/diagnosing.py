@@ -34,7 +34,7 @@ from corridor.diagnosis.anomalies.wrong_matches import broken_picture, outlier_c
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.findings.findings import Findings
 from corridor.diagnosis.findings.separation import not_separated
-from corridor.diagnosis.findings.verdict import detection_limits, findings
+from corridor.diagnosis.findings.verdict import detection_limits, findings, unseen_statements
 from corridor.diagnosis.forward_selection import Question, course_of
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.report import actions, as_html, as_text, evidence, save, sentence
@@ -177,6 +177,7 @@ def _diagnose(
         notes=[
             *doubtful,
             *implausible(before),
+            *unseen_statements(block, found, limits),
             *inseparable,
             *course.notes,
             *course.impossible.values(),

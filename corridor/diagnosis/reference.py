@@ -199,7 +199,6 @@ class ReferenceModel:
             extra=result.start.extra,
         )
 
-
     def restate_positions(self, factor: np.ndarray, result: Adjustment) -> None:
         """Give antenna positions of each flight so many times (flights, 3) their standard
         deviations; result: the adjustment that the flights are those of."""

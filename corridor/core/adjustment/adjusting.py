@@ -231,7 +231,7 @@ def _with_ground_as_seen(
     wrecked = failure is not None or not result.converged or result.sigma0 > _WRECKED
     # A robust loss takes marks of points that lie elsewhere for wrong ones.
     if wrecked or _many_wrong_marks(result) or implausible(result):
-        sound, notes = without_exchanged(block, model, lambda *bare: again(*bare).block)
+        sound, notes = without_exchanged(block, model, again)
         if notes:
             try:
                 return whole(sound), notes

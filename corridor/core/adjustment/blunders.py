@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +18,9 @@ from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.geometry import Rays, meeting_points, robust_scale, rotation_from_quaternion
 from corridor.core.output import counted
 from corridor.core.preparation import UNITS_M
+
+if TYPE_CHECKING:
+    from corridor.core.adjustment.result import Adjustment
 
 # Wild: beyond this many robust sigmas of what start values leave, and beyond this share of the
 # flying height; of the pictures, beyond this share of their size outside.
@@ -42,6 +46,9 @@ _AXES = (
     ("x and y with the opposite sign", [0, 1, 2], [-1, -1, 1]),
     ("z counted downwards", [0, 1, 2], [1, 1, -1]),
 )
+# Sigma naught of tie points, without any ground point, from which on the images do not fit their
+# camera, and are no witness of how high ground points lie.
+_NO_WITNESS = 2.0
 # Control points that hold a block without GNSS.
 _LEAST_CONTROL = 3
 
@@ -95,7 +102,7 @@ def _outside(out: Block, block: Block, table: str, notes: list[str]) -> Block:
 
 
 def without_exchanged(
-    block: Block, model: Model, adjusted: Callable[[Block, Model], Block]
+    block: Block, model: Model, adjusted: Callable[[Block, Model], Adjustment]
 ) -> tuple[Block, list[str]]:
     """The block without exchanged ground points where no start pose shows them, and sentences.
 
@@ -109,12 +116,16 @@ def without_exchanged(
     try:
         bare = block.copy()
         bare.ground["role"] = "unused"
-        blind = adjusted(bare, model.without_effects())
+        found = adjusted(bare, model.without_effects())
     except (InputError, AdjustmentFailed):
         return block, []
+    blind = found.block
     given = block.numbers("ground", *"xyz")[model.roles(block) != "unused"]
     seen = where_seen(blind, blind.poses)[model.roles(block) != "unused"]
-    elsewhere = _elsewhere(given, seen, _ALIKE * _height(block, blind.poses))
+    far = _ALIKE * _height(block, blind.poses)
+    if found.statistics["tie"].get("sigma0", 0.0) > _NO_WITNESS:
+        far = np.inf
+    elsewhere = _elsewhere(given, seen, far)
     if elsewhere:
         raise AdjustmentFailed(elsewhere)
     if _posed(block):

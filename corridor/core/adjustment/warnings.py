@@ -339,9 +339,10 @@ def _wrong_control(a):
     if not a.converged or len(table) < 2 or not np.abs(scaled).max() > _LOOK:
         return
     found = a.reliability.wrong_control
-    # Where antenna positions or marks contradict what is stated, or too many coordinates do, nobody
-    # knows who is right, but of a gross error which all else bends to.
-    doubtful = any(a.statistics[kind].get("sigma0", 0.0) > _DOUBTFUL for kind in ("gnss", "mark"))
+    # Where other measurements contradict what is stated, or too many coordinates do, nobody knows
+    # who is right, but of a gross error which all else bends to.
+    others = (a.statistics[kind].get("sigma0", 0.0) for kind in ("gnss", "mark", "tie"))
+    doubtful = any(sigma0 > _DOUBTFUL for sigma0 in others)
     if doubtful or len(found) >= len(table):
         found = found[found["w"].abs() > GROSS * a.control_factor][:1]
     if not len(found):

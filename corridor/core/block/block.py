@@ -485,15 +485,15 @@ class Block:
 
 @frugal()
 def read(folder: str | os.PathLike | Block) -> Block:
-    """Block of a folder, checked; a block that has been read is itself.
-
-    Where somebody has put a table with names as text into it, that table is checked again.
+    """Block of a folder, checked; a block that has been read is itself, checked again: somebody may
+    have changed it.
 
     Raises InputError, one sentence naming file, row and remedy, where the folder, a file or a
     column is missing, or a file holds what a block must not.
     """
     if isinstance(folder, Block):
         checking.code_names(folder)
+        folder.check(observed=False)
         return folder
     if not isinstance(folder, str | os.PathLike):
         raise InputError(

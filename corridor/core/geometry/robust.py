@@ -47,7 +47,7 @@ def robust_scale_of_lengths(
     may be put into another order, which saves as much room as they take.
     """
     lengths = np.asarray(lengths, dtype=float)
-    if not lengths.size:
+    if np.isnan(lengths).all():
         return least
     return max(float(np.nanmedian(lengths, overwrite_input=overwrite) / _RAYLEIGH_MEDIAN), least)
 

@@ -1,4 +1,6 @@
-"""Ground control whose standard deviations are not true: held exactly, or better than the survey."""
+"""What block.toml and ground.csv state and the images contradict: survey, camera, readout."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -6,6 +8,7 @@ import pytest
 import corridor
 from benchmarks.diagnosis.generator.cases import Case
 from benchmarks.diagnosis.generator.generate import generate
+from corridor.core.camera import INTERIOR
 
 
 def surveyed(sigma, error, points=6, seed=1):
@@ -72,3 +75,23 @@ def test_check_points_of_a_free_network_accuse_no_point():
     block.ground["role"], block.gnss = "check", block.gnss[:0]
     found = corridor.diagnose(block)
     assert found.check_sigmas is None and "check point" not in found.sentence
+
+
+@pytest.mark.slow
+def test_a_stated_readout_that_the_images_do_not_show_is_told():
+    block, *_ = surveyed(0.005, 0.0)
+    assert not [note for note in corridor.diagnose(block).notes if "block.toml states" in note]
+    block.cameras = {n: replace(c, readout_s=0.033) for n, c in block.cameras.items()}
+    (told,) = [note for note in corridor.diagnose(block).notes if "block.toml states" in note]
+    assert "readout 33 ms" in told
+
+
+@pytest.mark.slow
+def test_a_wrong_calibration_is_not_called_another_height_system():
+    block, *_ = surveyed(0.005, 0.0)
+    ((name, camera),) = block.cameras.items()
+    interior = camera.interior.copy()
+    interior[list(INTERIOR).index("k1")] += 0.1
+    block.cameras = {name: replace(camera, interior=interior, calibrated=True)}
+    found = corridor.diagnose(block)
+    assert "radial_distortion" in [one["slug"] for one in found.effects]
