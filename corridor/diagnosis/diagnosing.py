@@ -13,6 +13,7 @@ from corridor.core.adjustment import (
     Model,
     Run,
     adjustable_part,
+    different_arms,
     implausible,
     refit,
     with_turns_as_seen,
@@ -177,6 +178,7 @@ def _diagnose(
         notes=[
             *doubtful,
             *implausible(before),
+            *different_arms(before),
             *unseen_statements(block, found, limits),
             *inseparable,
             *course.notes,

@@ -209,12 +209,14 @@ class ReferenceModel:
         after = before * factor[row]
         block.put("gnss", ("sx", "sy", "sz"), after)
         self.block = block
-        said, told = (1000.0 * np.median(sigma, axis=0) for sigma in (before, after))
-        self.left_out.append(
-            f"GNSS positions count with ({told[0]:.2g}, {told[1]:.2g}, {told[2]:.2g}) mm in x, y, "
-            f"z, where ({said[0]:.2g}, {said[1]:.2g}, {said[2]:.2g}) mm are stated: so small that "
-            "the cameras follow them, and the images contradict it."
-        )
+        for number in np.flatnonzero((factor > 1.0).any(axis=1)):
+            said, told = (1000.0 * np.median(one[row == number], axis=0) for one in (before, after))
+            self.left_out.append(
+                f"GNSS positions of flight {names[number]} count with ({told[0]:.3g}, "
+                f"{told[1]:.3g}, {told[2]:.3g}) mm in x, y, z, where ({said[0]:.3g}, {said[1]:.3g},"
+                f" {said[2]:.3g}) mm are stated: with so little the cameras follow them, and the "
+                "images contradict it."
+            )
 
 
 def _from(block: Block, at: Block) -> Block:

@@ -41,3 +41,29 @@ def test_a_shutter_is_found_beside_them():
 @pytest.mark.slow
 def test_positions_stated_as_they_are_stay_so():
     assert not told(corridor.diagnose(generate(null("clean", **SMALL), seed=11).block))
+
+
+def two_flights(seed=9):
+    """A block of two flights, and which antenna positions are of the second."""
+    block = generate(null("clean", images=48, strips=4, observations=90), seed=seed).block.copy()
+    names = block.images["image"].astype(str)
+    block.images["flight"] = np.where(np.arange(len(names)) < 24, "F1", "F2")
+    return block, block.gnss["image"].astype(str).isin(names[24:]).to_numpy()
+
+
+@pytest.mark.slow
+def test_another_base_of_the_second_flight_shows_in_its_lever_arm():
+    block, second = two_flights()
+    assert not [note for note in corridor.adjust(block).warnings if "lever arms of" in note]
+    block.gnss.loc[second, "z"] += 0.5
+    (note,) = [note for note in corridor.adjust(block).warnings if "lever arms of" in note]
+    assert "flights F1 and F2 differ by" in note
+
+
+@pytest.mark.slow
+def test_a_flight_of_metres_does_not_hold_the_lever_arm_of_another():
+    block, second = two_flights()
+    rng = np.random.default_rng(3)
+    block.gnss.loc[second, ["x", "y", "z"]] += rng.normal(0.0, 1.5, (second.sum(), 3))
+    block.gnss.loc[second, ["sx", "sy", "sz"]] = 3.0
+    assert corridor.diagnose(block).verdict == "nothing"

@@ -275,9 +275,12 @@ class Model:
 
 
 def arms_unseen(block: Block) -> bool:
-    """Whether the antenna positions are too coarse to see where on a drone the antenna sits."""
-    sigma = block.gnss_sigma()
-    return bool(len(sigma)) and float(np.median(sigma[:, :2])) > SEES_ARM_M
+    """Whether the antenna positions of all flights are too coarse to see where on a drone the
+    antenna sits."""
+    sigma = block.gnss_sigma()[:, :2]
+    flight = block.image_flight[block.image_rows("gnss")]
+    medians = [float(np.median(sigma[flight == one])) for one in np.unique(flight)]
+    return bool(medians) and min(medians) > SEES_ARM_M
 
 
 def _is_size(number) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pandas as pd
 
@@ -26,6 +28,10 @@ NOT_SQUARE = 2e-3
 FAR_FOCAL, FAR_CENTRE = 0.08, 0.1
 # No drone carries its antenna so far from the camera.
 LONG_ARM_M = 5.0
+# Lever arms of one camera in two flights are another's beyond this many sigmas and this size, m,
+# which no mounting moves by.
+_SURE_OF_ARMS, _OTHER_ARM_M = 5.0, 0.1
+_ARM_SIGMAS = ("sx", "sy", "sz")
 # Residuals of control, in sigmas, from which on a search for what is wrong is worth its time.
 _LOOK = 2.5
 # Control that is stated this coarsely, m, and by points that are several fits to this share of it.
@@ -49,6 +55,7 @@ def grave(adjustment: Tables) -> list[str]:
     return [
         *_convergence(adjustment),
         *implausible(adjustment),
+        *different_arms(adjustment),
         *_inseparable(adjustment),
         *_motion(adjustment),
         *_doubtful_effects(adjustment),
@@ -129,6 +136,35 @@ def _long_arm(a):
         yield (
             f"The lever arm of flight {name} came out {length:.1f} m long, {world[2]:+.1f} m of it "
             f"in height: {cause}"
+        )
+
+
+def different_arms(a: Tables) -> Iterator[str]:
+    """A sentence on flights of one camera whose lever arms differ, though it has one antenna."""
+    p, arms = a.problem, a.lever_arm
+    if not p.arms_free or len(arms) < 2:
+        return
+    at = [p.images.flight_names.index(name) for name in arms["flight"]]
+    camera = [set(p.images.camera[p.images.flight == k]) for k in at]
+    stated = p.start.arms[at]
+    value, sigma = (arms[list(names)].to_numpy(float) for names in (("x", "y", "z"), _ARM_SIGMAS))
+    alike = a.correlation_matrix
+    for k in range(1, len(arms)):
+        away = value[k] - value[0]
+        pair = [[f"lever_arm.{arms['flight'].iloc[n]}.{axis}" for n in (0, k)] for axis in "xyz"]
+        rho = np.array([alike.loc[one, other] for one, other in pair])
+        # What a focal length does to all heights moves both alike.
+        square = sigma[0] ** 2 + sigma[k] ** 2 - 2.0 * rho * sigma[0] * sigma[k]
+        doubt = np.sqrt(np.maximum(square, 0.0))
+        clear = (np.abs(away) > _SURE_OF_ARMS * doubt) & (np.abs(away) > _OTHER_ARM_M)
+        if camera[k] != camera[0] or (stated[k] != stated[0]).any() or not clear.any():
+            continue
+        vector = ", ".join(f"{one:+.2f}" for one in away)
+        yield (
+            f"The lever arms of flights {arms['flight'].iloc[0]} and {arms['flight'].iloc[k]} "
+            f"differ by ({vector}) m (x, y, z of the camera frame), though one camera flew both: "
+            "were the positions computed from another base, in another height system, or for "
+            "another antenna height, or is its focal length another one?"
         )
 
 

@@ -55,8 +55,9 @@ class NoiseModel:
         positions, beside no effect; None where what is stated can be asked as it is."""
         if self.few or not (np.isinf(self.stated.most[0]) & np.isfinite(self.stated.most[1])).any():
             return None
-        factor = np.maximum(self._likely({}).noise.white, 1.0)
-        return factor if (factor > SETTINGS.white_of_scatter).any() else None
+        factor = self._likely({}).noise.white
+        large = (factor > SETTINGS.white_of_scatter).any(axis=1, keepdims=True)
+        return np.where(large, np.maximum(factor, 1.0), 1.0) if large.any() else None
 
     def touches(self, n: int) -> float:
         """Share of what a group explains that the antenna positions see: 0 to 1, or more."""
