@@ -377,10 +377,10 @@ def _wrong_control(a):
     found = a.reliability.wrong_control
     # Where other measurements contradict what is stated, or too many coordinates do, nobody knows
     # who is right, but of a gross error which all else bends to.
-    others = (a.statistics[kind].get("sigma0", 0.0) for kind in ("gnss", "mark", "tie"))
-    doubtful = any(sigma0 > _DOUBTFUL for sigma0 in others)
+    gnss, mark, tie = (a.statistics[kind].get("sigma0", 0.0) for kind in ("gnss", "mark", "tie"))
+    doubtful = max(gnss, mark, tie) > _DOUBTFUL
     if doubtful or len(found) >= len(table):
-        found = found[found["w"].abs() > GROSS * a.control_factor][:1]
+        found = found[found["w"].abs() > GROSS * a.control_factor * max(tie, 1.0)][:1]
     if not len(found):
         return
     axes = {"x": "x", "y": "y", "z": "height"}

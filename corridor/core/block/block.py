@@ -485,15 +485,15 @@ class Block:
 
 @frugal()
 def read(folder: str | os.PathLike | Block) -> Block:
-    """Block of a folder, checked; a block that has been read is itself, checked again: somebody may
-    have changed it.
+    """Block of a folder, checked; a block that has been read is itself.
+
+    Somebody may have changed it: its observations are checked again.
 
     Raises InputError, one sentence naming file, row and remedy, where the folder, a file or a
     column is missing, or a file holds what a block must not.
     """
     if isinstance(folder, Block):
-        checking.code_names(folder)
-        folder.check(observed=False)
+        checking.check_observations(folder)
         return folder
     if not isinstance(folder, str | os.PathLike):
         raise InputError(

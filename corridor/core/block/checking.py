@@ -218,6 +218,14 @@ def _images(block) -> None:
         _refuse(block, "images", still, fault, remedy)
 
 
+def check_observations(block) -> None:
+    """Raise InputError where the observations of a block that somebody has changed are not each of
+    a known image, once."""
+    code_names(block)
+    for table in ("tie_points", "marks"):
+        _observations(block, table)
+
+
 def code_names(block) -> None:
     """Names in the tables of observations as categories, where somebody has put texts into a block.
 

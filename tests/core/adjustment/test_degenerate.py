@@ -1,6 +1,7 @@
 """Inputs that place nothing, or less than all, and exact control."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from strips import corridor_block
 
@@ -137,3 +138,20 @@ def test_an_image_whose_pose_nothing_determines_is_left_out_by_name():
     assert any(s.startswith(f"Image {name} is left out: its pose") for s in found.warnings)
     with pytest.raises(corridor.InputError, match=f"the pose of image {name} cannot be determined"):
         corridor.adjust(block, strict=True)
+
+
+def test_observations_that_were_put_in_twice_are_refused_in_memory_too():
+    block = flown()
+    again = block.tie_points.iloc[:50]
+    block.tie_points = pd.concat([block.tie_points, again], ignore_index=True)
+    with pytest.raises(InputError, match="stands already in tie_points.csv"):
+        corridor.adjust(block)
+
+
+def test_many_wrong_matches_accuse_no_control_point():
+    block = flown(images=20, observations_per_image=80, control=6)
+    rng = np.random.default_rng(1)
+    wrong = rng.random(len(block.tie_points)) < 0.05
+    block.tie_points.loc[wrong, "x"] += 60.0
+    said = corridor.adjust(block, loss="huber:2").warnings
+    assert not [note for note in said if "Ground control is wrong" in note]
