@@ -457,6 +457,19 @@ def is_number(value: object) -> TypeGuard[int | float]:
     )
 
 
+def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
+    """An object of JSON. Raises InputError where it has a name twice: one would be lost."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InputError(
+            f"{twice!r} stands twice in one object of the JSON, of which only one could be read; "
+            "give each a name of its own"
+        )
+    return found
+
+
 class Json:
     """A value of a JSON file, and where it stands."""
 
@@ -473,9 +486,8 @@ class Json:
         except OSError as error:
             raise missing(path, error) from error
         try:
-            return cls(
-                json.loads(data.decode("utf-16" if data[:2] in _UTF16 else "utf-8-sig")), path.name
-            )
+            text = data.decode("utf-16" if data[:2] in _UTF16 else "utf-8-sig")
+            return cls(json.loads(text, object_pairs_hook=_once), path.name)
         except UnicodeDecodeError as error:
             line = data.count(b"\n", 0, error.start) + 1
             raise Line(path, line, "").wrong("not UTF-8; save the file as UTF-8") from None

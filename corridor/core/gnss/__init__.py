@@ -10,8 +10,8 @@ from corridor.core.gnss.coordinates import (
     outside_area,
     to_local,
 )
-from corridor.core.gnss.exposures import Exposures
-from corridor.core.gnss.formats.exif import photographs_in
+from corridor.core.gnss.exposures import Exposures, on_one_clock
+from corridor.core.gnss.formats.exif import names_in, photographs_in
 from corridor.core.gnss.frames import (
     about_the_middle,
     grid_distortion,
@@ -19,6 +19,7 @@ from corridor.core.gnss.frames import (
     in_world,
     local_of,
     local_table,
+    metric,
     moved,
     world_crs,
 )

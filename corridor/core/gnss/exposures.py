@@ -2,6 +2,7 @@
 
 import re
 from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pandas as pd
 
 from corridor.core.brief import brief
 from corridor.core.errors import InputError, some
+from corridor.core.gnss.time import DAY_S, days_between
 
 # Share of the usual interval that no camera undercuts; of the rows of which that is a slip.
 _NEAR, _FEW = 0.01, 0.02
@@ -136,3 +138,29 @@ class Exposures:
                 "images in the table"
             )
         return replace(self, table=self.table.assign(image=pd.Series(images, dtype="str")))
+
+
+def on_one_clock(parts: Sequence[Exposures]) -> Exposures:
+    """The exposures of several folders or flights as one, from the day of the first on.
+
+    Raises InputError where their clocks are not of one time system.
+    """
+    first = parts[0]
+    systems = {part.time_system or "no stated system" for part in parts}
+    if len(systems) > 1 or len({part.day is None for part in parts}) > 1:
+        raise InputError(
+            f"the photographs lie in {len(parts)} folders, and their times are in different "
+            f"systems ({', '.join(sorted(systems))})"
+        )
+    tables = [
+        part.table.assign(time_s=part.table["time_s"] + DAY_S * days_between(first.day, part.day))
+        if first.day and part.day else part.table
+        for part in parts
+    ]  # fmt: skip
+    coarse = [part.resolution_s for part in parts if part.resolution_s is not None]
+    return replace(
+        first,
+        table=pd.concat(tables, ignore_index=True),
+        notes=tuple(dict.fromkeys(note for part in parts for note in part.notes)),
+        resolution_s=max(coarse) if coarse else None,
+    )

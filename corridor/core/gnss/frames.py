@@ -221,6 +221,21 @@ def grid_distortion(block: Block) -> tuple[float, float] | None:
     return scale - 1, float(away.max())
 
 
+def metric(crs: str) -> tuple[str, float]:
+    """The same grid counted in metres, and how many metres its own unit has; 1.0: it is metric."""
+    system = known_crs(crs)
+    unit = float(system.axis_info[0].unit_conversion_factor)
+    if not system.is_projected or abs(unit - 1) < 1e-9:
+        return crs, 1.0
+    table = system.to_json_dict()
+    for part in (table, *table.get("components", ())):
+        part.pop("id", None)
+        for axis in part.get("coordinate_system", {}).get("axis", ()):
+            axis["unit"] = "metre"
+    table["name"] = f"{system.name} in metres"
+    return type(system).from_json_dict(table).to_wkt(), unit
+
+
 def in_metres(crs: str) -> None:
     """Raises InputError unless a CRS is a grid in metres, as a block's coordinates have to be."""
     system = known_crs(crs)

@@ -38,13 +38,12 @@ from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.ground import Ground, add_to, called_as_marked, in_frame, read_ground
 from corridor.tools.formats.plausible import refusal
 from corridor.tools.formats.project import Project
-from corridor.tools.formats.rows import rows_of
+from corridor.tools.formats.rows import rows_of, share_outside
 from corridor.tools.formats.strange import not_text
 
 XYZ = list(POSE[:3])
-# Rays of marks that meet to this share of the picture's long side were measured in these pictures;
-# of another size, where they meet so much better.
-_MEETS, _BETTER = 0.005, 0.2
+# Marks were measured in pictures of another size where their rays meet so much better in these.
+_BETTER = 0.2
 # A shift of this many sigmas is one, and of this size in any case: positions without corrections
 # are good to 3 m in plan and 6 m in height.
 _SIGMAS, _LEAST_M = 4.0, 10.0
@@ -186,17 +185,8 @@ def _factors(block: Block, photos: Mapping[int, Metadata]) -> list[float]:
 def _missed(block: Block) -> float:
     """By how many pixels rays of marks miss each other, median; infinite where none meet."""
     missed = ground_seen(block).missed_px
-    inside = _outside(block) < 0.5
+    inside = share_outside(block, "marks") < 0.5
     return float(np.median(missed)) if len(missed) and inside else np.inf
-
-
-def _outside(block: Block) -> float:
-    """Share of the marks that lie outside their picture."""
-    size = np.array([[block.cameras[n].width, block.cameras[n].height]
-                     for n in block.images["camera"]])  # fmt: skip
-    xy = block.marks[["x", "y"]].to_numpy(float)
-    limit = size[block.image_rows("marks")] - 0.5
-    return float(((xy < -0.5) | (xy > limit)).any(axis=1).mean()) if len(xy) else 0.0
 
 
 def ground_seen(block: Block) -> Seen:

@@ -241,25 +241,18 @@ def in_frame(block: Block, places: np.ndarray, crs: str | None, what: str) -> np
     outside = outside_area(places, crs)
     if outside:
         raise InputError(f"{what}: {outside}")
+    system, local = known_crs(crs), local_of(block)
+    if system.is_projected and len(system.axis_info) == 2:
+        # PROJ passes a height on that a system does not name: it counts as the plane does.
+        places = places * [1.0, 1.0, system.axis_info[0].unit_conversion_factor]
     if block.crs is not None:
         return convert(places, crs, block.crs) - block.offset
-    local = local_of(block)
     if local is not None:
-        return local.from_geographic(_metres(places, crs)) - block.offset
+        return local.from_crs(places, crs) - block.offset
     raise InputError(
         f"{what} is in {crs[:60]}, and the block has no place on Earth; import it with --photos "
         "whose positions place it, or give coordinates of the block's own frame"
     )
-
-
-def _metres(places, crs):
-    """Longitude, latitude, height; a height in feet of a system in feet becomes metres."""
-    system = known_crs(crs)
-    unit = system.axis_info[0].unit_conversion_factor if system.is_projected else 1.0
-    geographic = convert(places, crs, GEOGRAPHIC)
-    if unit != 1.0 and len(system.axis_info) == 2:
-        geographic[:, 2] = places[:, 2] * unit
-    return geographic
 
 
 def add_to(project: Project, ground: Ground) -> Project:
@@ -378,10 +371,12 @@ def _rows_of_marks(ground, block, notes, warnings) -> list[tuple[str, int, float
         have = block.images["image"].iloc[0]
         if len(lost) == len(found):
             raise InputError(
-                f"{first} the project does not have ({lost[0]}, ...; the project has {have}, "
-                "...); correct the names"
+                f"{first} the project does not have, or has several of ({lost[0]}, ...; the "
+                f"project has {have}, ...); correct the names, with their folders where needed"
             )
         others = ", ".join(list(dict.fromkeys(lost))[:5])
-        warnings.append(f"{first} the project does not have and were left out: {others}")
+        warnings.append(
+            f"{first} the project does not have, or has several of, and were left out: {others}"
+        )
     notes += names.told(ground.path.name)
     return [(str(mark[0]), row, *mark[2:]) for mark, row in found if row is not None]

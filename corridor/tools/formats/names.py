@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import unicodedata
+from collections import Counter
 from collections.abc import Callable, Iterable
 
 import pandas as pd
@@ -37,6 +38,16 @@ _STEPS: tuple[tuple[str, Callable[[str], str]], ...] = (
         lambda name: without_ending(_folders(name).rpartition("/")[2]).casefold(),
     ),
 )
+
+
+def numbered(names: Iterable[str]) -> list[str]:
+    """The names, with the number of its use before each that was there already: 2/NAME."""
+    seen: Counter = Counter()
+    made = []
+    for name in names:
+        seen[name] += 1
+        made.append(name if seen[name] == 1 else f"{seen[name]}/{name}")
+    return made
 
 
 class Names:

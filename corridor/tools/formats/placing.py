@@ -126,24 +126,24 @@ def add_photographs(
 
 
 def _with_times(project, folder, photos):
-    names = {photo.name: row for row, photo in photos.items()}
-    marks = sorted({*folder.glob("*.MRK"), *folder.glob("*.mrk")})
-    notes = []
+    homes: dict[Path, dict[str, int]] = {}
+    whole = len(_marks_in(folder)) == 1
+    for row, photo in photos.items():
+        home = folder if whole else photo.path.parent
+        homes.setdefault(home, {})[photo.path.relative_to(home).as_posix()] = row
+    parts, notes = [], []
     try:
-        if len(marks) == 1:
-            # All of the flight's photographs: the project may have used fewer.
-            flight = [file.name for file in photographs_in(marks[0].parent)]
-            exposures = gnss.read_exposures(marks[0]).named(flight)
-            notes.append(f"times and positions: {marks[0].name} (GPS time)")
-        else:
-            homes = {photo.path.parent for photo in photos.values()}
-            if len(homes) > 1:
-                raise InputError("the photographs lie in several folders")
-            exposures = gnss.read_exposures(homes.pop())
+        for home, names in homes.items():
+            part, note = _exposures_of(home)
+            notes += note
+            rows = {name.rpartition("/")[2]: row for name, row in names.items()} | names
+            at = part.table["image"].map(rows)
+            parts.append(replace(part, table=part.table.assign(row=at).dropna(subset=["row"])))
+        exposures = gnss.on_one_clock(parts)
     except InputError as error:
         return project.having(warnings=[f"no times from the photographs: {error}"]), None
-    table = exposures.table[exposures.table["image"].isin(set(names))]
-    rows = table["image"].map(names).to_numpy(int)
+    rows = exposures.table["row"].to_numpy(int)
+    table = exposures.table.drop(columns="row")
     time = np.full(len(project.block.images), np.nan)
     time[rows] = table["time_s"]
     known = np.isfinite(time)
@@ -164,6 +164,21 @@ def _with_times(project, folder, photos):
         ),
         replace(exposures, table=table),
     )
+
+
+def _marks_in(folder: Path) -> list[Path]:
+    return sorted({*folder.glob("*.MRK"), *folder.glob("*.mrk")})
+
+
+def _exposures_of(home: Path) -> tuple[gnss.Exposures, list[str]]:
+    """Times of the photographs of a folder: by DJI's marks beside them, else by their EXIF."""
+    marks = _marks_in(home)
+    if len(marks) != 1:
+        return gnss.read_exposures(home), []
+    # All of the flight's photographs: the project may have used fewer.
+    files = photographs_in(home)
+    exposures = gnss.read_exposures(marks[0]).named(gnss.names_in(home, files))
+    return exposures, [f"times and positions: {marks[0].name} (GPS time)"]
 
 
 def _with_flights(project, photos):

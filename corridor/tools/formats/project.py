@@ -12,10 +12,11 @@ import pandas as pd
 from corridor.core.block import POSE, Block
 from corridor.core.brief import brief
 from corridor.core.camera import Camera
-from corridor.core.errors import InputError
+from corridor.core.errors import InputError, some
 from corridor.core.geometry import quaternion_from_rotation
 from corridor.core.gnss import Local, local_table
 from corridor.tools.formats.cameras import NoModel
+from corridor.tools.formats.names import numbered
 from corridor.tools.formats.rows import rows_of
 
 # What the keys of [sigma] in block.toml are of.
@@ -325,6 +326,13 @@ class Contents:
     def project(self, form: str, source: Path, **more) -> Project:
         """The project; more: further fields of it. Raises InputError where a pose is none."""
         self = self._of_known_cameras(source)
+        names, self.images = self.images, numbered(self.images)
+        twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+        if twice:
+            self.warnings.append(
+                f"{len(twice)} names belong to several images ({some(twice, 5)}): the second is "
+                "called 2/NAME; name the photographs with their folders to tell them apart"
+            )
         known = np.isfinite(self.rotation).all(axis=(1, 2))
         quaternion = np.full((len(known), 4), np.nan)
         quaternion[known] = rotations_to_columns(self.rotation[known])

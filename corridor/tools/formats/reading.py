@@ -8,12 +8,17 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.core.block import Block
+from corridor.core.block import SIGMAS, Block
 from corridor.core.errors import InputError
+from corridor.core.gnss import known_crs, metric
 from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.programs import candidates, formats
 from corridor.tools.formats.project import Project, near_origin
+from corridor.tools.formats.rows import share_outside
 from corridor.tools.formats.strange import strange
+
+# A few bad matches lie outside their picture.
+_MOST_OUTSIDE = 0.02
 
 
 @np.errstate(all="ignore")
@@ -38,12 +43,38 @@ def read_project(
         path = next((place for name, place in candidates(path) if name == form), path)
     with blaming(path, f"a project of {form}"):
         project = formats()[form].read(path, size)
+        project = project if project.own else _counted_in_metres(project)
+        outside = share_outside(project.block, "tie_points") if size else 0.0
+        if outside > _MOST_OUTSIDE:
+            raise InputError(
+                f"{outside:.0%} of the image points lie outside pictures of {size[0]} x {size[1]} "
+                "px (--size, or the photographs of --photos): give the size of the pictures that "
+                "the points were measured in"
+            )
         project = replace(project, block=near_origin(project.block))
         project = project.having(warnings=_unseen(project.block))
     if others:
         also = f"the same place is also a project of {', '.join(others)}: name it so"
         project = project.having(notes=[also])
     return project
+
+
+def _counted_in_metres(project: Project) -> Project:
+    """The project in metres, where its grid counts in feet, as that of its poses does then."""
+    block = project.block
+    if block.crs is None or block.crs.startswith("local"):
+        return project
+    crs, unit = metric(block.crs)
+    if unit == 1.0:
+        return project
+    tables = {}
+    for name in ("images", "points", "ground", "gnss"):
+        table = getattr(block, name)
+        lengths = [column for column in (*"xyz", *SIGMAS) if column in table]
+        tables[name] = table.assign(**{column: unit * table[column] for column in lengths})
+    system = known_crs(block.crs)
+    told = f"{system.name} counts in {system.axis_info[0].unit_name}: the block is in metres"
+    return project.having(notes=[told], crs=crs, offset=unit * block.offset, **tables)
 
 
 def _unseen(block: Block) -> list[str]:

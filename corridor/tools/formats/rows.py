@@ -173,3 +173,12 @@ def camera_positions(block: Block) -> pd.DataFrame:
         shift = np.einsum("nji,nj->ni", rotation, arm)
         table[["x", "y", "z"]] = table[["x", "y", "z"]].to_numpy() - np.nan_to_num(shift)
     return table
+
+
+def share_outside(block: Block, table: str) -> float:
+    """Share of the observations of a table that lie outside their picture."""
+    size = np.array([[block.cameras[n].width, block.cameras[n].height]
+                     for n in block.images["camera"]])  # fmt: skip
+    xy = getattr(block, table)[["x", "y"]].to_numpy(float)
+    limit = size[block.image_rows(table)] - 0.5
+    return float(((xy < -0.5) | (xy > limit)).any(axis=1).mean()) if len(xy) else 0.0

@@ -92,6 +92,8 @@ def _is_tracks(head: str) -> bool:
 
 def _folder(path: Path) -> str:
     files = [file for file in islice(path.rglob("*"), _MOST_FILES) if file.is_file()]
+    if path.suffix.lower() == ".files" and (path / "project.zip").is_file():
+        return f"a part of a Metashape project: name {path.stem}.psx, which lies beside it"
     names = {file.name for file in files}
     for home in (path, path / "sparse", path / "sparse" / "0"):
         inside = {file.name for file in home.iterdir()} if home.is_dir() else set()

@@ -143,15 +143,15 @@ def test_tie_points_whose_rays_do_not_meet_are_told(tmp_path):
     assert any("their rays do not meet" in s for s in read_project(home).warnings)
 
 
-def test_two_images_of_one_name_are_refused_naming_the_project(tmp_path):
+def test_two_images_of_one_name_are_numbered_and_told(tmp_path):
     from .small_projects import write_all
 
     home = write_all(tmp_path)["bundler"]
     first, _, *rest = (home / "list.txt").read_text().splitlines()
     (home / "list.txt").write_text("\n".join([first, first, *rest]) + "\n")
-    with pytest.raises(InputError, match="two images or points are named") as refused:
-        read_project(home)
-    assert str(home) in str(refused.value)
+    project = read_project(home)
+    assert list(project.block.images["image"][:2]) == [first, f"2/{first}"]
+    assert any("1 names belong to several images" in told for told in project.warnings)
 
 
 def test_an_image_whose_rotation_is_none_is_refused_naming_the_project(tmp_path):

@@ -43,7 +43,7 @@ def read(folder: Path) -> Exposures:
                 "separately"
             )
     day, time = on_one_day([(one.day or "", one.seconds) for one in taken])
-    table = pd.DataFrame({"image": pd.Series([f.name for f in files], dtype="str"), "time_s": time})
+    table = pd.DataFrame({"image": pd.Series(names_in(folder, files), dtype="str"), "time_s": time})
     notes = ["the times are those of the camera's clock (EXIF), which nothing ties to GNSS"]
     most = max(one.decimals for one in taken)
     resolution = 10.0**-most
@@ -64,6 +64,14 @@ def photographs_in(folder: Path) -> list[Path]:
     from corridor.core.photographs import SUFFIXES  # needs Pillow, which a track does not
 
     return sorted(file for file in folder.rglob("*") if file.suffix.lower() in SUFFIXES)
+
+
+def names_in(folder: Path, files: list[Path]) -> list[str]:
+    """Names of photographs of a folder: with the folders below it, where files are named alike."""
+    names = [file.name for file in files]
+    if len(set(names)) == len(names):
+        return names
+    return [file.relative_to(folder).as_posix() for file in files]
 
 
 def _taken(file: Path) -> Taken:

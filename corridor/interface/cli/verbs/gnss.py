@@ -80,7 +80,8 @@ def run(options: argparse.Namespace) -> None:
             raise InputError(
                 f"{options.photos} is not a folder; name the folder of the photographs"
             )
-        exposures = exposures.named([path.name for path in gnss.photographs_in(options.photos)])
+        photographs = gnss.photographs_in(options.photos)
+        exposures = exposures.named(gnss.names_in(options.photos, photographs))
     crs, offset, about = gnss.frame_of_block(options.images)
     if options.crs is not None and options.crs != crs:
         crs, offset, about = options.crs, (0.0, 0.0, 0.0), None

@@ -150,8 +150,13 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
 
 
 def _names(file, count, notes):
-    path = file.with_name("list.txt")
-    if not path.is_file():
+    stem = file.name.removesuffix(".out").removesuffix(".bundle")
+    # As Bundler itself (bundle/bundle.out), COLMAP (NAME.bundle.out) and others leave it.
+    lists = ["list.txt", f"{file.name}.list.txt", f"{file.stem}.list.txt", f"{stem}.list.txt"]
+    places = [file.with_name(name) for name in lists]
+    places += [file.parent.parent / "list.txt"] * (file.parent.name == "bundle")
+    path = next((place for place in places if place.is_file()), None)
+    if path is None:
         notes.append("no list.txt beside the file: images are named by their number")
         return [f"camera {k}" for k in range(count)]
     # A line is the name, perhaps with "0 focal" after it.

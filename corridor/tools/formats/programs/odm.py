@@ -62,6 +62,8 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
 def _camera(shot, cameras):
     if len(cameras) == 1:
         return next(iter(cameras))
+    if shot.get("camera") in cameras:
+        return shot.text("camera")
     size = [shot.number(key) for key in ("width", "height")]
     focal = shot.number("focal")
     near = {

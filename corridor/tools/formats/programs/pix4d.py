@@ -15,11 +15,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.core.errors import InputError
+from corridor.core.errors import InputError, some
 from corridor.core.geometry import quaternion_from_rotation, rotation_from_angles
 from corridor.core.gnss import known_crs
 from corridor.core.textfile import Line, filled, opening
 from corridor.tools.formats.cameras import camera_from, in_the_middle, shared
+from corridor.tools.formats.names import Names
 from corridor.tools.formats.programs.bingo import image_blocks
 from corridor.tools.formats.project import Contents, Project, Views, ground_table
 
@@ -179,6 +180,8 @@ def _crs(path):
     if not path.is_file():
         return None
     text = opening(path, 20_000).strip()
+    if not text:
+        return None
     system = known_crs(text)
     if not system.is_projected:
         return None
@@ -262,14 +265,12 @@ def _ground(path, offset):
 
 def _bingo(path, names, used, cameras, notes):
     """An image with its size in mm (name H_width_height), its tie points, -99."""
-    stems: dict[str, int] = {}
-    for k, name in enumerate(names):
-        stems.setdefault(name, k)
-        stems.setdefault(name.rpartition(".")[0] or name, k)
-    rows, lost = [], 0
+    known, rows, lost = Names(names), [], []
     for head, points in image_blocks(path):
-        image, width = _bingo_head(head, stems)
-        lost += image is None
+        name, width = _bingo_head(head)
+        image = known.row(name)
+        if image is None:
+            lost.append(name)
         for line in points if image is not None else ():
             name, *xy = line.words(3, "a tie point")
             camera = cameras[used[image]]
@@ -277,11 +278,14 @@ def _bingo(path, names, used, cameras, notes):
             cx, cy = in_the_middle(camera.width, camera.height)
             rows.append((name, image, cx + x, cy - y))
     if lost:
-        notes.append(f"{path.name}: {lost} images are not among the calibrated ones: left out")
+        notes.append(
+            f"{path.name}: {len(lost)} images are not among the calibrated ones, or their names "
+            f"stand for several: left out ({some(lost, 5)})"
+        )
     return Views.of(rows, "tie points")
 
 
-def _bingo_head(line: Line, stems: dict[str, int]) -> tuple[int | None, float]:
+def _bingo_head(line: Line) -> tuple[str, float]:
     # The name may hold blanks.
     name, *size = line.text.strip().rsplit(maxsplit=1)
     sides = size[0].split("_") if size else []
@@ -293,4 +297,4 @@ def _bingo_head(line: Line, stems: dict[str, int]) -> tuple[int | None, float]:
     width = line.number(sides[1], "the width in mm")
     if width <= 0:
         raise line.wrong(f"the width is {width:g} mm; write the width of the picture in mm")
-    return stems.get(name.strip()), width
+    return name.strip(), width

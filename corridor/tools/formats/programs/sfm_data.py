@@ -3,10 +3,12 @@
 Conventions, where they differ from ours: the rotation is world to camera, in OpenMVG row by row, in
 AliceVision column by column, and beside it stands the centre; distortion goes from the ray to the
 image, tangential coefficients are OpenCV's. OpenMVG's focal length and principal point are pixels;
-AliceVision's are mm of sensorWidth and pixels from the middle of the picture. Pixels are counted
-from the centre of the first one.
+AliceVision's are mm of sensorWidth, in older files pixels (pxFocalLength), and pixels from the
+middle of the picture, before version 1.2.1 from its corner. Pixels are counted from the centre of
+the first one.
 
-Source: OpenMVG, sfm_data_io; AliceVision, sfmDataIO jsonIO; proved by reprojection.
+Source: OpenMVG, sfm_data_io; AliceVision, sfmDataIO jsonIO and its list of changes; proved by
+reprojection.
 """
 
 from pathlib import Path, PurePosixPath
@@ -134,7 +136,9 @@ class _OpenMvg(_Spelling):
         found = []
         for _, value in self._all("views"):
             data = self._data(value)
-            found.append((str(data.get("id_view")), data.text("filename"),
+            folder = str(data.get("local_path") or "").strip("/\\")
+            path = f"{folder}/{data.text('filename')}" if folder else data.text("filename")
+            found.append((str(data.get("id_view")), path,
                           str(data.get("id_pose")), str(data.get("id_intrinsic"))))  # fmt: skip
         return found
 
@@ -203,15 +207,26 @@ class _AliceVision(_Spelling):
         kind = str(row.get("distortionType") or row.get("type") or "pinhole")
         if row.get("type") not in (None, "pinhole", *_RADIAL):
             kind = str(row.get("type"))
-        focal = float(_numbers(row, "focalLength", 1)[0])
-        focal = focal * size[0] / float(_numbers(row, "sensorWidth", 1)[0])
-        ratio = float(_numbers(row, "pixelRatio", 1)[0]) if row.get("pixelRatio") else 1.0
+        older = row.get("pxFocalLength")
+        if older is not None:
+            count = len(older) if isinstance(older, list) else 1
+            focal = tuple(np.resize(_numbers(row, "pxFocalLength", count), 2))
+        else:
+            focal = float(_numbers(row, "focalLength", 1)[0])
+            width = float(_numbers(row, "sensorWidth", 1)[0])
+            if not width > 0:
+                raise row.wrong(f"sensorWidth is {width:g} mm, so focalLength cannot be read")
+            focal = focal * size[0] / width
+            ratio = float(_numbers(row, "pixelRatio", 1)[0]) if row.get("pixelRatio") else 1.0
+            focal = (focal, focal * ratio)
         middle = np.array(size) / 2
         if row.get("principalPoint"):
-            middle = np.add(middle, _numbers(row, "principalPoint", 2))
+            away = _numbers(row, "principalPoint", 2)
+            version = _numbers(self.whole, "version", 3) if self.whole.get("version") else ()
+            middle = away if len(version) and tuple(version) < (1, 2, 1) else middle + away
         given = row.get("distortionParams") or []
         values = _numbers(row, "distortionParams", len(given)) if given else np.zeros(0)
-        return kind, size, (focal, focal * ratio), middle, values
+        return kind, size, focal, middle, values
 
     def points(self, row):
         def entries():

@@ -33,6 +33,7 @@ from corridor.tools.formats.cameras import (
     standing_for,
     where_known,
 )
+from corridor.tools.formats.names import numbered
 from corridor.tools.formats.programs.metashape.archive import Archive, read_ply
 from corridor.tools.formats.programs.metashape.writing import write as write
 from corridor.tools.formats.project import (
@@ -70,8 +71,13 @@ def recognise(path: Path) -> bool:
     """An XML file with a chunk, a .psx or .psz, or a folder with one of them."""
     if path.is_file():
         return _looks(path)
-    ends = ("*.psx", "*.psz", "*.xml")
-    return any(_looks(file) for end in ends for file in sorted(path.glob(end)))
+    return any(_looks(file) for file in _ending(path, ".psx", ".psz", ".xml"))
+
+
+def _ending(folder: Path, *endings: str) -> list[Path]:
+    """Files of a folder by their endings, in the order of these, in upper or lower case."""
+    files = sorted(file for file in folder.iterdir() if file.is_file())
+    return [file for end in endings for file in files if file.suffix.lower() == end]
 
 
 def _looks(path):
@@ -150,6 +156,9 @@ class _Chunk:
                 self.off.add(name)
         for part in element.all("components/component"):
             self.components.setdefault(part.get("id", ""), part)
+        frames = len(element.all("frames/frame"))
+        if frames > 1:
+            self.notes.append(f"the chunk holds {frames} frames (dates): the first was read")
         for part in element.all("frames/frame[1]/markers/marker"):
             self.projections.setdefault(
                 part.get("marker_id", ""),
@@ -198,11 +207,7 @@ def _names_of(element: Xml, parts: list[Xml], notes: list[str]) -> dict[str, str
                 "the label of each"
             )
             return made
-    seen: Counter = Counter()
-    made = {}
-    for number, label in names.items():
-        seen[label] += 1
-        made[number] = label if seen[label] == 1 else f"{seen[label]}/{label}"
+    made = dict(zip(names, numbered(names.values()), strict=True))
     notes.append(
         f"{twice} labels belong to several cameras, and neither groups nor folders distinguish "
         "them: the second is called 2/LABEL; put the cameras of each flight into a group to give "
@@ -217,7 +222,10 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     warnings: list[str] = []
     projects = [path]
     if path.is_dir():
-        projects = [*sorted(path.glob("*.psx")), *sorted(path.glob("*.psz")), path]
+        projects = [*_ending(path, ".psx", ".psz"), path]
+        # A copy of the .psx alone is none: its archives stay where they were.
+        whole = [file for file in projects if file.with_suffix(".files").is_dir()]
+        projects = whole or projects
     if projects[0].suffix.lower() in (".psz", ".psx"):
         path = projects[0]
         chunk, cloud = read_archive(path, notes)
@@ -255,11 +263,11 @@ def read_archive(path: Path, notes: list[str]):
 
 def _together(path, notes, warnings):
     """The chunk of the file that says most, and of those that are of the same cameras."""
-    files = [path] if path.is_file() else [f for f in sorted(path.glob("*.xml")) if _looks(f)]
+    files = [path] if path.is_file() else [f for f in _ending(path, ".xml") if _looks(f)]
     if not files:
         raise InputError(f"{path} holds no Metashape XML; name the exported file")
     if path.is_dir():
-        strange = [f.name for f in sorted(path.glob("*.xml")) if not _known_xml(f)]
+        strange = [f.name for f in _ending(path, ".xml") if not _known_xml(f)]
         warnings += [f"{name} is not a Metashape XML that corridor can read" for name in strange]
     parts = [chunk_of(Xml.read(file), notes) for file in files]
     parts.sort(key=lambda part: -len(part.all(".//camera/transform") + part.all(".//location")))
@@ -428,7 +436,8 @@ def _project(chunk, cloud, path, notes, warnings):
     parts = [chunk.cameras[label] for label in labels]
     _with_degrees(chunk, parts, notes)
     crs = _crs(chunk.crs)
-    centre, rotation, world = _poses(chunk, labels, notes)
+    places = _places_of_components(chunk, labels, warnings)
+    centre, rotation, world = _poses(chunk, labels, places, notes)
     known = np.isfinite(centre).all(axis=1)
     measured = _Reference([part.find("reference") for part in parts])
     have = np.isfinite(measured.place).all(axis=1)
@@ -459,7 +468,13 @@ def _project(chunk, cloud, path, notes, warnings):
         lat, lon, height = world.local.origin
         notes.append(f"world: east, north, up about {lat:g}, {lon:g} degrees, height {height:g} m")
     placed = world.scaled or (not known.any() and np.isfinite(measured.place).any())
-    ties, points = (None, None) if cloud is None else _ties(*cloud, labels, world, chunk.transform)
+    order = {name: k for k, name in enumerate(places)}
+    parts = (_transform(chunk, label)[0].get("component_id", "") for label in labels)
+    component = np.array([order.get(name, -1) for name in parts])
+    ties, points = (
+        (None, None) if cloud is None
+        else _ties(*cloud, labels, world, list(places.values()), component)
+    )  # fmt: skip
     made = Contents(
         name=path.stem,
         cameras=cameras,
@@ -529,7 +544,31 @@ def _transform(chunk, label):
     return part, part.values("transform", 16).reshape(4, 4) @ place
 
 
-def _poses(chunk, labels, notes):
+def _places_of_components(chunk, labels, warnings):
+    """Component -> similarity from it to the world, None where it has no scale and no place.
+
+    Parts of a chunk that no match joins have frames of their own. One without a transform has the
+    chunk's only where it is the largest and no other has one; it is not among these else.
+    """
+    parts = (part for part, matrix in (_transform(chunk, k) for k in labels) if matrix is not None)
+    count = Counter(part.get("component_id", "") for part in parts)
+    own = {name: chunk.components[name].find("transform") for name in count
+           if name in chunk.components}  # fmt: skip
+    found = {name: _similarity(own.get(name)) for name in count}
+    placed = {name: place for name, place in found.items() if place is not None}
+    if count and not placed:
+        placed = {count.most_common(1)[0][0]: _similarity(chunk.transform)}
+    lost = sum(number for name, number in count.items() if name not in placed)
+    if lost:
+        warnings.append(
+            f"{lost} of {count.total()} aligned cameras are in components of the chunk that have "
+            "no place of their own: their poses were not taken; join the components with markers "
+            "(Merge components), and save again"
+        )
+    return placed
+
+
+def _poses(chunk, labels, places, notes):
     """Centres and rotations (world to camera) by the transforms, NaN without; their world."""
     count, rigs = len(labels), 0
     centre, rotation = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
@@ -540,9 +579,9 @@ def _poses(chunk, labels, notes):
         if matrix is None:
             continue
         rigs += part is not chunk.cameras[label]
-        own = chunk.components.get(part.get("component_id", ""))
-        own = own.find("transform") if own is not None else None
-        found = _similarity(own or chunk.transform)
+        if part.get("component_id", "") not in places:
+            continue
+        found = places[part.get("component_id", "")]
         scaled &= found is not None
         scale, turn, shift = found or (1.0, np.eye(3), np.zeros(3))
         far.append(np.linalg.norm(shift))
@@ -643,7 +682,12 @@ def _gnss(names, reference, measured, have, notes):
 
 
 def _name(chunk, number):
-    return (chunk.markers[number].get("label") if number in chunk.markers else None) or number
+    """The label of a marker, with its number behind it where several are labelled so."""
+    if number not in chunk.markers:
+        return number
+    label = chunk.markers[number].get("label") or number
+    twice = sum((other.get("label") or key) == label for key, other in chunk.markers.items()) > 1
+    return f"{label} ({number})" if twice else label
 
 
 def _ground(chunk, world):
@@ -685,8 +729,11 @@ def _marks(chunk, labels, notes):
 # --- tie points ------------------------------------------------------------------------------
 
 
-def _ties(places, found, labels, world, transform):
-    """Views of the tie points, and names and places of the points; None, None without any."""
+def _ties(places, found, labels, world, moves, component):
+    """Views of the tie points, and names and places of the points; None, None without any.
+
+    moves: of the components that have a place; component (n,): which one an image is in, -1: none.
+    """
     at = {label: k for k, label in enumerate(labels)}
     ids, images, pixels = [], [], []
     for label, table in found.items():
@@ -704,10 +751,17 @@ def _ties(places, found, labels, world, transform):
     xyz = np.column_stack([places[axis].astype(float) for axis in "xyz"])
     if not (np.isfinite(xyz).all() and np.isfinite(pixels[kept]).all()):
         raise InputError("a tie point of the archive is not finite; save the project again")
-    if world.scaled and (similarity := _similarity(transform)):
-        scale, turn, shift = similarity
-        xyz = scale * xyz @ turn.T + shift
+    point, image = order[near][kept], images[kept]
+    # A point is seen in one component; those that nothing sees go with the first.
+    where = np.full(len(known), -1)
+    np.maximum.at(where, point, component[image])
+    where[~np.isin(np.arange(len(known)), point)] = 0
+    if world.scaled:
+        for k, (scale, turn, shift) in enumerate(moves):
+            xyz[where == k] = scale * xyz[where == k] @ turn.T + shift
         xyz = world.points(xyz, GEOCENTRIC if world.geocentric else None)
     # Marker labels are often plain numbers: tie points get a letter.
     names = ("t" + pd.Index(known).astype("str")).astype("str")
-    return Views(order[near][kept], names, images[kept], pixels[kept], "tie points"), (names, xyz)
+    placed = where >= 0
+    views = Views(point, names, image, pixels[kept], "tie points")
+    return views, (names[placed], xyz[placed])
