@@ -264,7 +264,7 @@ def _imported(project, form, folder, added, progress) -> dict:
     made = formats.import_project(
         project, form, folder, unadjusted=True, progress=progress, **added
     )
-    block, notes = made.block, list(made.project.notes)
+    block, notes, warnings = made.block, list(made.project.notes), made.project.warnings
     if not (len(block.tie_points) or len(block.marks)):
         told = "".join(
             f"; {sentence}"
@@ -278,13 +278,16 @@ def _imported(project, form, folder, added, progress) -> dict:
         )
     if _in_grid(block):
         # A grid is no Cartesian frame: what it bends would be laid on the camera.
-        crs = block.crs
-        again = formats.import_project(folder, "block", folder, to_crs=crs)
-        notes += again.project.notes
+        try:
+            again = formats.import_project(folder, "block", folder, to_crs=block.crs)
+            notes += again.project.notes
+        except InputError as error:
+            # A geoid that is not installed: heights stay as they are.
+            warnings = [*warnings, f"the block is adjusted in its grid as it is: {error}"]
     return {
         "form": made.project.form,
         "notes": notes,
-        "warnings": made.project.warnings,
+        "warnings": warnings,
         "proof": str(made.proof),
     }
 

@@ -67,6 +67,11 @@ def take_back(result: Path, folder: Path, form: str, settings: ProgramSettings) 
             except InputError as error:
                 sentences.append(f"the project was not written as {native}: {error}")
                 native = ""
+    if any(" " in str(name) for name in measured.images["image"]):
+        sentences.append(
+            "gcp_list.txt has names with blanks in quotes, which OpenDroneMap does not read: "
+            "rename the photographs for it"
+        )
     proof = proved(folder, measured, native, formats)
     files = sorted(str(path) for path in folder.rglob("*") if path.is_file())
     return TakenBack(str(folder), files, native, proof, sentences)
@@ -98,7 +103,11 @@ def proved(folder: Path, block: Block, native: str, formats) -> str:
         )
     for name in ("ground.csv", "gcp_list.txt"):
         if (folder / name).is_file():
-            told.append(f"{name} imported again: {_ground_again(folder / name, block, formats)}")
+            try:
+                again = _ground_again(folder / name, block, formats)
+            except InputError as error:
+                again = f"refused, do not use it ({error})"
+            told.append(f"{name} imported again: {again}")
     return "; ".join(told)
 
 
@@ -201,4 +210,4 @@ def _write_ground(folder: Path, block: Block) -> None:
 
 def _word(name: str) -> str:
     """A name in a file whose words stand between blanks."""
-    return name.replace(" ", "_")
+    return f'"{name}"' if any(map(str.isspace, name)) else name

@@ -102,10 +102,10 @@ def crs_of_line(text: str) -> str | None:
     code = re.fullmatch(r"(?i)(?:EPSG[:\s]*)?(\d{4,6})\s*(?:\+\s*(?:EPSG:)?(\d+))?", text)
     if code:
         return f"EPSG:{code[1]}" + (f"+{code[2]}" if code[2] else "")
-    if re.match(r"(?i)urn:ogc:def:crs:|OGC:CRS", text) or " / " in text:
-        return _by_name(text)
     if "+proj=" in text or re.match(r"[A-Z_]{4,}\s*\[", text):
         return text
+    if re.match(r"(?i)urn:ogc:def:crs:|OGC:CRS", text) or " / " in text:
+        return _by_name(text)
     return None
 
 

@@ -528,10 +528,9 @@ def _with_positions(project, photos: dict[int, Metadata], exposures):
     if exposures is not None and {"x", "y", "z"} <= set(exposures.table.columns):
         table = exposures.table.rename(columns={"x": "lon", "y": "lat", "z": "height"})
     else:
-        table, assumed, notes = _positions_of(list(photos.values()))
+        images = project.block.images["image"].iloc[list(photos)]
+        table, assumed, notes = _positions_of(dict(zip(images, photos.values(), strict=True)))
         project = project.having(notes=[assumed, *notes] if assumed else notes)
-        back = {photo.name: project.block.images["image"].iloc[k] for k, photo in photos.items()}
-        table["image"] = table["image"].map(back).astype("str")
         if len(table) and not project.block.lever_arm:
             project = project.having(
                 notes=[
@@ -571,14 +570,14 @@ def _scatter(block: Block, sigma: float) -> Witness:
     return Witness(source, says, f"{scatter:.2g} m about them")
 
 
-def _positions_of(photos: list[Metadata]) -> tuple[pd.DataFrame, str, list[str]]:
+def _positions_of(photos: Mapping[str, Metadata]) -> tuple[pd.DataFrame, str, list[str]]:
     """image, lon, lat, height, sx, sy, sz (m) of the photographs that have a position, and notes.
 
     Where the maker states no sigma, that of the kind of solution is assumed: a sentence, or "".
     """
     rows, notes, assumed, without, told = [], [], 0, 0, ""
     poor: Counter[int] = Counter()
-    for photo in photos:
+    for image, photo in photos.items():
         if photo.lat_deg is None:
             continue
         without += photo.height is None
@@ -591,7 +590,7 @@ def _positions_of(photos: list[Metadata]) -> tuple[pd.DataFrame, str, list[str]]
         elif flag not in (None, 50):
             # What a receiver states of a position that is no fix is its noise, not its error.
             sigma = tuple(np.maximum(sigma, _ASSUMED[kind]))
-        rows.append((photo.name, photo.lon_deg, photo.lat_deg, photo.height or 0.0, *sigma))
+        rows.append((image, photo.lon_deg, photo.lat_deg, photo.height or 0.0, *sigma))
     if assumed:
         told = (
             f"{assumed} of {len(rows)} positions come without a standard deviation: 3 m "

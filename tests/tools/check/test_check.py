@@ -130,6 +130,20 @@ def test_every_file_that_is_taken_back_is_imported_again(block, tmp_path):
     assert abs(table["x"] - 500_000).max() < 100_000 and {"sx", "sy", "sz"} <= set(table)
 
 
+def test_names_with_blanks_are_taken_back_and_imported_again(block, tmp_path):
+    named = block.copy()
+    new = {name: f"Flug 1/{name} (2).JPG" for name in block.images["image"]}
+    for table in (named.images, named.gnss):
+        table["image"] = table["image"].map(new)
+    for table in (named.tie_points, named.marks):
+        table["image"] = table["image"].cat.rename_categories(new)
+    named.extra = {**named.extra, "local_frame": local_table(Local(47.5, 8.7, 0.0))}
+    adjust(named).save(tmp_path / "adjusted")
+    taken = take_back(tmp_path / "adjusted", tmp_path / "back", "block", ProgramSettings({}))
+    assert re.search(r"gcp_list.txt imported again: 7 points, .*\d+ marks, the same", taken.proof)
+    assert any("OpenDroneMap does not read" in told for told in taken.sentences)
+
+
 def test_a_file_that_is_not_what_was_written_is_told(block, tmp_path):
     """The proof reads the files: what is wrong in them shows."""
     block.write(tmp_path / "block")
@@ -179,6 +193,16 @@ def test_a_project_in_a_grid_is_adjusted_in_a_local_frame_and_goes_out_in_the_gr
     assert inside.crs is None and inside.extra["local_frame"]["crs"] == "EPSG:25832"
     head, *_ = (tmp_path / "out" / "take_back" / "gcp_list.txt").read_text().splitlines()
     assert head == "EPSG:25832" and checked.verdict == "good enough"
+
+
+def test_heights_of_a_geoid_that_is_not_there_stay_as_they_are(block, tmp_path):
+    grid = moved(block, "EPSG:25832")
+    grid.crs = "EPSG:25832+5773"
+    grid.write(tmp_path / "grid")
+    told = checking._imported(tmp_path / "grid", "auto", tmp_path / "block", {}, None)["warnings"]
+    kept = read(tmp_path / "block").crs == grid.crs
+    # Where the grid is installed the block goes into a local frame as any other.
+    assert kept == any("adjusted in its grid as it is: " in line for line in told)
 
 
 def test_the_command_prints_json_alone_on_standard_output(block, tmp_path, capfd):

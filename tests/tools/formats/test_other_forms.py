@@ -2,18 +2,23 @@
 
 import json
 import re
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
+import pandas as pd
 import pyproj
 import pytest
 
 from corridor.core.errors import InputError
-from corridor.core.gnss import metric
-from corridor.tools.formats import prove, read_project
+from corridor.core.gnss import Exposures, metric, on_one_clock, read_exposures
+from corridor.tools.formats import export_project, prove, read_project
+from corridor.tools.formats.ground import crs_of_line, in_frame
+from corridor.tools.formats.placing import add_photographs
 
 from .conftest import exact_block
 from .small_projects import block, write_all
+from .test_adding import photograph
 from .test_metashape_projects import _merged, _psx, exported  # noqa: F401
 from .test_other_programs import alice_vision, open_mvg
 
@@ -162,3 +167,46 @@ def test_a_copy_of_a_psx_and_capital_endings_do_not_hide_the_project(exported, t
     assert len(read_project(tmp_path).block.images) == 6
     with pytest.raises(InputError, match="name river.psx"):
         read_project(tmp_path / "river.files")
+
+
+def test_photographs_of_two_folders_keep_their_own_times_and_positions(tmp_path):
+    made = exact_block(k1=-0.05, k2=0.02)
+    names = [f"10{k // 6}MEDIA/DJI_{k % 6:04d}.JPG" for k in range(12)]
+    here = made.copy()
+    new = dict(zip(made.images["image"], names, strict=True))
+    here.images["image"] = names
+    for table in (here.tie_points, here.marks):
+        table["image"] = table["image"].cat.rename_categories(new)
+    export_project(here, "colmap", tmp_path / "model")
+    for k, (name, place) in enumerate(zip(names, made.poses[:, :3], strict=True)):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        photograph(tmp_path / name, k, place)
+    project, _, exposures = add_photographs(read_project(tmp_path / "model"), tmp_path)
+    time = project.block.images.set_index("image")["time_s"]
+    assert time[names].tolist() == (37200.25 + 2.0 * np.arange(12)).tolist()
+    assert sorted(project.block.gnss["image"]) == sorted(exposures.table["image"]) == names
+    at = project.block.images.set_index("image").loc[project.block.gnss["image"], ["x", "y", "z"]]
+    assert np.abs(at.to_numpy() - project.block.gnss[["x", "y", "z"]].to_numpy()).max() < 0.01
+    # Times alone, for `corridor gnss`.
+    assert list(read_exposures(tmp_path).table["image"]) == names
+
+
+def test_times_of_folders_on_different_clocks_are_not_joined(tmp_path):
+    table = pd.DataFrame({"image": ["a"], "time_s": [5.0]})
+    first = Exposures(table, "2024-06-24", "UTC", None, tmp_path)
+    later = on_one_clock([first, replace(first, day="2024-06-25")])
+    assert later.table["time_s"].tolist() == [5.0, 86405.0] and later.day == "2024-06-24"
+    with pytest.raises(InputError, match="in different systems"):
+        on_one_clock([first, replace(first, time_system="GPST")])
+
+
+def test_a_gcp_list_in_a_system_in_words_is_read():
+    text = pyproj.CRS("EPSG:25832").to_wkt("WKT1_ESRI")
+    named = pyproj.CRS("EPSG:25832").to_wkt()
+    assert " / " in named and crs_of_line(named) == named and crs_of_line(text) == text
+
+
+def test_heights_in_feet_become_metres_in_a_block_in_a_grid():
+    made = replace(block(), crs="EPSG:32118")
+    places = in_frame(made, np.array([[984250.0, 190000.0, 100.0]]), "EPSG:2263", "points")
+    assert places[0] == pytest.approx([300000.0, 190000 * FOOT, 100 * FOOT], abs=1e-6)
