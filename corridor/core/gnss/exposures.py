@@ -141,26 +141,24 @@ class Exposures:
 
 
 def on_one_clock(parts: Sequence[Exposures]) -> Exposures:
-    """The exposures of several folders or flights as one, from the day of the first on.
+    """The exposures of several folders as one, from the day of the first on.
 
     Raises InputError where their clocks are not of one time system.
     """
-    first = parts[0]
-    systems = {part.time_system or "no stated system" for part in parts}
-    if len(systems) > 1 or len({part.day is None for part in parts}) > 1:
+    first, systems = parts[0], sorted({part.time_system or "not named" for part in parts})
+    if len(parts) == 1:
+        return first
+    if len(systems) > 1:
         raise InputError(
             f"the photographs lie in {len(parts)} folders, and their times are in different "
-            f"systems ({', '.join(sorted(systems))})"
+            f"systems ({', '.join(systems)})"
         )
-    tables = [
-        part.table.assign(time_s=part.table["time_s"] + DAY_S * days_between(first.day, part.day))
-        if first.day and part.day else part.table
-        for part in parts
-    ]  # fmt: skip
-    coarse = [part.resolution_s for part in parts if part.resolution_s is not None]
+    later = [DAY_S * days_between(first.day or "", part.day or "") for part in parts]
+    tables = [part.table.assign(time_s=part.table["time_s"] + s)
+              for part, s in zip(parts, later, strict=True)]  # fmt: skip
     return replace(
         first,
         table=pd.concat(tables, ignore_index=True),
         notes=tuple(dict.fromkeys(note for part in parts for note in part.notes)),
-        resolution_s=max(coarse) if coarse else None,
+        resolution_s=max(part.resolution_s or 0.0 for part in parts) or None,
     )

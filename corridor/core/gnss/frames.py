@@ -239,12 +239,10 @@ def metric(crs: str) -> tuple[str, float]:
 def in_metres(crs: str) -> None:
     """Raises InputError unless a CRS is a grid in metres, as a block's coordinates have to be."""
     system = known_crs(crs)
-    plane = system.sub_crs_list[0] if system.is_compound else system
-    if not plane.is_projected:
+    if not system.is_projected:
         raise InputError(f"crs {crs} is not in metres of a grid; give one that is, as EPSG:32647")
-    unit = plane.axis_info[0]
-    if abs(unit.unit_conversion_factor - 1) > 1e-9:
+    if metric(crs)[1] != 1.0:
         raise InputError(
-            f"crs {crs} counts in {unit.unit_name}, and a block in metres; give a system in metres "
-            "of the same place"
+            f"crs {crs} counts in {system.axis_info[0].unit_name}, and a block in metres; give a "
+            "system in metres of the same place"
         )

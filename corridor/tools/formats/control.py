@@ -117,11 +117,9 @@ def add_ground(
     heights = np.zeros(0) if ground.table is None else ground.table["z"].to_numpy(float)
     if len(heights) <= _LEAST_POINTS or np.ptp(heights) > 0:
         return project
-    return project.having(
-        warnings=[
-            f"{path.name}: all heights are {heights[0]:g} m, so they look typed, not surveyed; "
-            "give the surveyed ones, or their standard deviation (sz in ground.csv)"
-        ]
+    return project.warned(
+        f"{path.name}: all heights are {heights[0]:g} m, so they look typed, not surveyed; "
+        "give the surveyed ones, or their standard deviation (sz in ground.csv)"
     )
 
 
@@ -164,11 +162,9 @@ def _in_size(project: Project, ground: Ground, photos: Mapping[int, Metadata]) -
         return found[1.0]
     size = max(max(camera.width, camera.height) for camera in project.block.cameras.values())
     was = "" if not np.isfinite(missed[1.0]) else f" in place of {missed[1.0]:.3g} px as they are"
-    return found[best].having(
-        notes=[
-            f"{ground.path.name}: its marks were measured in pictures of {size / best:.0f} px and "
-            f"brought to {size} px: there their rays meet to {missed[best]:.2g} px{was}"
-        ]
+    return found[best].noted(
+        f"{ground.path.name}: its marks were measured in pictures of {size / best:.0f} px and "
+        f"brought to {size} px: there their rays meet to {missed[best]:.2g} px{was}"
     )
 
 

@@ -193,11 +193,9 @@ def _with_focal_compared(project, names, photos):
             f"{abs(100 * off):.0f} % {'longer' if off > 0 else 'shorter'}"
         )
         if abs(off) > _FOCAL_RANGE:
-            project = project.having(
-                warnings=[
-                    f"{said}: heights and focal length may have exchanged, pictures may be turned "
-                    "or cropped, or the statement is wrong; check it before you trust heights"
-                ]
+            project = project.warned(
+                f"{said}: heights and focal length may have exchanged, pictures may be turned "
+                "or cropped, or the statement is wrong; check it before you trust heights"
             )
     return project
 

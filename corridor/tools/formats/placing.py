@@ -101,11 +101,8 @@ def add_photographs(
             f"project ({images.iloc[0]}, ...); name the folder of its photographs"
         )
     if len(mine) < len(images):
-        project = project.having(
-            warnings=[
-                f"{len(images) - len(mine)} of {len(images)} images have no photograph in "
-                f"{folder.name}"
-            ]
+        project = project.warned(
+            f"{len(images) - len(mine)} of {len(images)} images have no photograph in {folder.name}"
         )
     photos = {row: read_metadata(file) for row, file in sorted(mine.items())}
     project, exposures = _with_times(project, folder, photos)
@@ -238,19 +235,15 @@ def _with_sizes_compared(project, photos):
         image, name = block.images[["image", "camera"]].iloc[row]
         camera = block.cameras[name]
         if project.form == "photos" and photo.width > camera.width:
-            return project.having(
-                notes=[
-                    f"the block is of pictures made smaller: {camera.width} x {camera.height} px "
-                    f"in place of {photo.width} x {photo.height_px}"
-                ]
+            return project.noted(
+                f"the block is of pictures made smaller: {camera.width} x {camera.height} px "
+                f"in place of {photo.width} x {photo.height_px}"
             )
         if (photo.width, photo.height_px) != (camera.width, camera.height):
-            return project.having(
-                warnings=[
-                    f"photograph {image} has {photo.width} x {photo.height_px} px, its camera "
-                    f"{camera.width} x {camera.height}: another size was used in the project, or "
-                    "these are other photographs"
-                ]
+            return project.warned(
+                f"photograph {image} has {photo.width} x {photo.height_px} px, its camera "
+                f"{camera.width} x {camera.height}: another size was used in the project, or "
+                "these are other photographs"
             )
     return project
 
@@ -265,11 +258,9 @@ def _with_resized_named(project, photos):
         f"{width} x {height}"
         for width, height in (first.taken_size, (first.width, first.height_px))
     )
-    return project.having(
-        notes=[
-            f"{len(small)} of {len(photos)} photographs were made smaller after they were taken "
-            f"({first.name}: {taken} to {stored} px); row times count the rows as taken"
-        ]
+    return project.noted(
+        f"{len(small)} of {len(photos)} photographs were made smaller after they were taken "
+        f"({first.name}: {taken} to {stored} px); row times count the rows as taken"
     )
 
 
@@ -361,12 +352,10 @@ def _with_velocities(project: Project, velocity: np.ndarray, source: str) -> Pro
         witness = Witness("positions and times", AGREES, length)
     # Without a place on Earth nothing but the way that was flown tells where north is.
     if not (has_north(project) or project.placed and witness.says == AGREES):
-        return project.having(
-            warnings=[
-                f"{told}, were left out: nothing says where north is in the project's frame, or "
-                "how long a metre; give ground points (--ground) with their system, or photographs "
-                "with positions"
-            ]
+        return project.warned(
+            f"{told}, were left out: nothing says where north is in the project's frame, or "
+            "how long a metre; give ground points (--ground) with their system, or photographs "
+            "with positions"
         )
     record_derived(
         block, "stated velocity", source, None, f"{told[0].upper()}{told[1:]}.",
@@ -404,13 +393,11 @@ def _with_readout(project, photos):
     cameras, notes = dict(project.block.cameras), []
     turned = _turned_by_a_quarter(photos)
     if turned:
-        project = project.having(
-            warnings=[
-                f"{len(turned)} of {len(photos)} photographs are turned by 90 degrees against the "
-                f"others of their camera ({some(turned)}): they became a camera of their own, "
-                "whose rows follow each other along x, or whose pixels a viewer has turned. It "
-                "gets no readout time. Take the originals, or turn them back, and import again"
-            ]
+        project = project.warned(
+            f"{len(turned)} of {len(photos)} photographs are turned by 90 degrees against the "
+            f"others of their camera ({some(turned)}): they became a camera of their own, "
+            "whose rows follow each other along x, or whose pixels a viewer has turned. It "
+            "gets no readout time. Take the originals, or turn them back, and import again"
         )
     for camera, mine in _by_camera(project, photos):
         photo, name = mine[0], camera.name
@@ -624,11 +611,9 @@ def _put(
         project = _placed(project, table, places, what, attitudes or {})
     block = project.block
     if block.crs is None and local_of(block) is None:
-        return project.having(
-            warnings=[
-                f"positions of {what} were left out: nothing says where on Earth the project's "
-                "coordinates are; name their system with --crs"
-            ]
+        return project.warned(
+            f"positions of {what} were left out: nothing says where on Earth the project's "
+            "coordinates are; name their system with --crs"
         )
     out = pd.DataFrame({"image": table["image"].to_numpy()})
     out[["x", "y", "z"]] = in_frame(block, places, GEOGRAPHIC, f"positions of {what}")
@@ -659,11 +644,9 @@ def _placed(
     source[at < 0] = np.nan
     known = np.isfinite(source).all(axis=1)
     if known.any() and np.ptp(target[known], axis=0).max() < _SAME_PLACE_M:
-        return project.having(
-            warnings=[
-                f"the project stays in its own frame: all positions of {what} are the same, they "
-                "place nothing"
-            ]
+        return project.warned(
+            f"the project stays in its own frame: all positions of {what} are the same, they "
+            "place nothing"
         )
     stated = table["sx"].to_numpy(float) if "sx" in table else np.zeros(0)
     sigma = float(np.nanmedian(stated)) if np.isfinite(stated).any() else _ASSUMED[16][0]
@@ -681,10 +664,8 @@ def _placed(
             typical = max(float(np.median(away[known])), 1e-6)
             weight = known / (1 + (away / (2 * typical)) ** 2)
     except InputError as error:
-        return project.having(
-            warnings=[
-                f"the project stays in its own frame: positions of {what} do not place it ({error})"
-            ]
+        return project.warned(
+            f"the project stays in its own frame: positions of {what} do not place it ({error})"
         )
     ground = block.ground
     if len(ground):
@@ -758,11 +739,9 @@ def add_track(project: Project, exposures: gnss.Exposures | None, track: Track) 
     project = project.having(notes=found.notes)
     if len(found.refused):
         first = found.refused.iloc[0]
-        project = project.having(
-            warnings=[
-                f"{len(found.refused)} of {len(block.images)} images got no position from {name} "
-                f"(first: {first['image']}, {first['why']})"
-            ]
+        project = project.warned(
+            f"{len(found.refused)} of {len(block.images)} images got no position from {name} "
+            f"(first: {first['image']}, {first['why']})"
         )
     if epochs.crs is None:
         project = project.having(

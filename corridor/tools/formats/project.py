@@ -72,6 +72,14 @@ class Project:
             placed=self.placed if placed is None else placed,
         )
 
+    def noted(self, *notes: str) -> Project:
+        """The project with more notes."""
+        return self.having(notes=notes)
+
+    def warned(self, *warnings: str) -> Project:
+        """The project with more warnings."""
+        return self.having(warnings=warnings)
+
 
 def hung_together(project: Project, leader: Mapping[str, str]) -> Project:
     """The project with its rigs: tables [rig.NAME], and images of one exposure named alike.
@@ -327,7 +335,8 @@ class Contents:
         """The project; more: further fields of it. Raises InputError where a pose is none."""
         self = self._of_known_cameras(source)
         names, self.images = self.images, numbered(self.images)
-        twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+        pairs = zip(names, self.images, strict=True)
+        twice = sorted({name for name, other in pairs if name != other})
         if twice:
             self.warnings.append(
                 f"{len(twice)} names belong to several images ({some(twice, 5)}): the second is "

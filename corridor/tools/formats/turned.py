@@ -65,12 +65,10 @@ def with_turned(project: Project, photos: dict[int, Metadata]) -> Project:
     many = f"{turned.sum()} of {len(rows)} photographs"
     against = f"the yaw in the metadata of {many} is 180 degrees from their poses: {which}"
     if gain is None or abs(gain) < _DECIDES:
-        return project.having(
-            warnings=[
-                f"{against}; the residuals of an adjustment neither prove nor disprove that a "
-                "viewer has turned their pixels, so nothing was turned: look whether these "
-                "pictures stand on their heads beside the others"
-            ]
+        return project.warned(
+            f"{against}; the residuals of an adjustment neither prove nor disprove that a "
+            "viewer has turned their pixels, so nothing was turned: look whether these "
+            "pictures stand on their heads beside the others"
         )
     if gain < 0:
         return project.having(
@@ -86,11 +84,9 @@ def with_turned(project: Project, photos: dict[int, Metadata]) -> Project:
         f"viewer has turned their pixels{by}"
     )
     if project.form != "photos":
-        return project.having(
-            warnings=[
-                f"{said}: take the originals, or turn them back by 180 degrees, and import again; "
-                "as they are, focal length and distortion are wrong"
-            ]
+        return project.warned(
+            f"{said}: take the originals, or turn them back by 180 degrees, and import again; "
+            "as they are, focal length and distortion are wrong"
         )
     return _turned_back(project, rows[turned]).having(
         notes=[f"{said}: their measurements were turned back; the files stay as they are"]

@@ -150,10 +150,9 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
 
 
 def _names(file, count, notes):
-    stem = file.name.removesuffix(".out").removesuffix(".bundle")
     # As Bundler itself (bundle/bundle.out), COLMAP (NAME.bundle.out) and others leave it.
-    lists = ["list.txt", f"{file.name}.list.txt", f"{file.stem}.list.txt", f"{stem}.list.txt"]
-    places = [file.with_name(name) for name in lists]
+    stems = ("", f"{file.name}.", f"{file.stem.removesuffix('.bundle')}.")
+    places = [file.with_name(f"{stem}list.txt") for stem in stems]
     places += [file.parent.parent / "list.txt"] * (file.parent.name == "bundle")
     path = next((place for place in places if place.is_file()), None)
     if path is None:

@@ -209,21 +209,15 @@ class _AliceVision(_Spelling):
             kind = str(row.get("type"))
         older = row.get("pxFocalLength")
         if older is not None:
-            count = len(older) if isinstance(older, list) else 1
-            focal = tuple(np.resize(_numbers(row, "pxFocalLength", count), 2))
+            focal = np.resize(_numbers(row, "pxFocalLength", np.size(older)), 2)
         else:
-            focal = float(_numbers(row, "focalLength", 1)[0])
-            width = float(_numbers(row, "sensorWidth", 1)[0])
-            if not width > 0:
-                raise row.wrong(f"sensorWidth is {width:g} mm, so focalLength cannot be read")
-            focal = focal * size[0] / width
             ratio = float(_numbers(row, "pixelRatio", 1)[0]) if row.get("pixelRatio") else 1.0
-            focal = (focal, focal * ratio)
+            focal = _numbers(row, "focalLength", 1) * size[0] * np.array([1.0, ratio])
+            focal /= _numbers(row, "sensorWidth", 1)
         middle = np.array(size) / 2
         if row.get("principalPoint"):
-            away = _numbers(row, "principalPoint", 2)
-            version = _numbers(self.whole, "version", 3) if self.whole.get("version") else ()
-            middle = away if len(version) and tuple(version) < (1, 2, 1) else middle + away
+            of_corner = tuple(map(int, self.whole.get("version") or (1, 2, 1))) < (1, 2, 1)
+            middle = _numbers(row, "principalPoint", 2) + (0 if of_corner else middle)
         given = row.get("distortionParams") or []
         values = _numbers(row, "distortionParams", len(given)) if given else np.zeros(0)
         return kind, size, focal, middle, values

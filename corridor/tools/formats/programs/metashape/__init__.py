@@ -224,8 +224,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     if path.is_dir():
         projects = [*_ending(path, ".psx", ".psz"), path]
         # A copy of the .psx alone is none: its archives stay where they were.
-        whole = [file for file in projects if file.with_suffix(".files").is_dir()]
-        projects = whole or projects
+        projects.sort(key=lambda file: not file.with_suffix(".files").is_dir())
     if projects[0].suffix.lower() in (".psz", ".psx"):
         path = projects[0]
         chunk, cloud = read_archive(path, notes)
@@ -436,8 +435,8 @@ def _project(chunk, cloud, path, notes, warnings):
     parts = [chunk.cameras[label] for label in labels]
     _with_degrees(chunk, parts, notes)
     crs = _crs(chunk.crs)
-    places = _places_of_components(chunk, labels, warnings)
-    centre, rotation, world = _poses(chunk, labels, places, notes)
+    moves, component = _components(chunk, labels, warnings)
+    centre, rotation, world = _poses(chunk, labels, moves, component, notes)
     known = np.isfinite(centre).all(axis=1)
     measured = _Reference([part.find("reference") for part in parts])
     have = np.isfinite(measured.place).all(axis=1)
@@ -468,13 +467,8 @@ def _project(chunk, cloud, path, notes, warnings):
         lat, lon, height = world.local.origin
         notes.append(f"world: east, north, up about {lat:g}, {lon:g} degrees, height {height:g} m")
     placed = world.scaled or (not known.any() and np.isfinite(measured.place).any())
-    order = {name: k for k, name in enumerate(places)}
-    parts = (_transform(chunk, label)[0].get("component_id", "") for label in labels)
-    component = np.array([order.get(name, -1) for name in parts])
-    ties, points = (
-        (None, None) if cloud is None
-        else _ties(*cloud, labels, world, list(places.values()), component)
-    )  # fmt: skip
+    ties, points = _ties(*cloud, labels, world, moves, component) if cloud else (None, None)
+    called = _called(chunk)
     made = Contents(
         name=path.stem,
         cameras=cameras,
@@ -484,8 +478,8 @@ def _project(chunk, cloud, path, notes, warnings):
         rotation=rotation,
         ties=ties,
         points=points,
-        marks=_marks(chunk, labels, notes),
-        ground=_ground(chunk, world) if placed else None,
+        marks=_marks(chunk, labels, called, notes),
+        ground=_ground(chunk, world, called) if placed else None,
         gnss=_gnss(labels, reference, measured, have, notes),
         local=world.local,
         description=_UNSCALED if free else "",
@@ -544,18 +538,18 @@ def _transform(chunk, label):
     return part, part.values("transform", 16).reshape(4, 4) @ place
 
 
-def _places_of_components(chunk, labels, warnings):
-    """Component -> similarity from it to the world, None where it has no scale and no place.
+def _components(chunk, labels, warnings):
+    """Similarities from components to the world, None where one has no scale and no place; and in
+    which of them images are (n,), -1: in none.
 
     Parts of a chunk that no match joins have frames of their own. One without a transform has the
-    chunk's only where it is the largest and no other has one; it is not among these else.
+    chunk's only where it is the largest and no other has one; else its images are in none.
     """
-    parts = (part for part, matrix in (_transform(chunk, k) for k in labels) if matrix is not None)
-    count = Counter(part.get("component_id", "") for part in parts)
-    own = {name: chunk.components[name].find("transform") for name in count
-           if name in chunk.components}  # fmt: skip
-    found = {name: _similarity(own.get(name)) for name in count}
-    placed = {name: place for name, place in found.items() if place is not None}
+    pairs = [_transform(chunk, label) for label in labels]
+    names = [None if matrix is None else part.get("component_id", "") for part, matrix in pairs]
+    count = Counter(name for name in names if name is not None)
+    own = {name: part.find("transform") for name, part in chunk.components.items() if name in count}
+    placed = {name: move for name in own if (move := _similarity(own[name])) is not None}
     if count and not placed:
         placed = {count.most_common(1)[0][0]: _similarity(chunk.transform)}
     lost = sum(number for name, number in count.items() if name not in placed)
@@ -565,10 +559,11 @@ def _places_of_components(chunk, labels, warnings):
             "no place of their own: their poses were not taken; join the components with markers "
             "(Merge components), and save again"
         )
-    return placed
+    order = {name: k for k, name in enumerate(placed)}
+    return list(placed.values()), np.array([order.get(name, -1) for name in names])
 
 
-def _poses(chunk, labels, places, notes):
+def _poses(chunk, labels, moves, component, notes):
     """Centres and rotations (world to camera) by the transforms, NaN without; their world."""
     count, rigs = len(labels), 0
     centre, rotation = np.full((count, 3), np.nan), np.full((count, 3, 3), np.nan)
@@ -579,9 +574,9 @@ def _poses(chunk, labels, places, notes):
         if matrix is None:
             continue
         rigs += part is not chunk.cameras[label]
-        if part.get("component_id", "") not in places:
+        if component[k] < 0:
             continue
-        found = places[part.get("component_id", "")]
+        found = moves[component[k]]
         scaled &= found is not None
         scale, turn, shift = found or (1.0, np.eye(3), np.zeros(3))
         far.append(np.linalg.norm(shift))
@@ -681,16 +676,14 @@ def _gnss(names, reference, measured, have, notes):
     return table
 
 
-def _name(chunk, number):
-    """The label of a marker, with its number behind it where several are labelled so."""
-    if number not in chunk.markers:
-        return number
-    label = chunk.markers[number].get("label") or number
-    twice = sum((other.get("label") or key) == label for key, other in chunk.markers.items()) > 1
-    return f"{label} ({number})" if twice else label
+def _called(chunk):
+    """Names of markers by their numbers: labels, with the number behind one that several have."""
+    labels = {number: part.get("label") or number for number, part in chunk.markers.items()}
+    many = Counter(labels.values())
+    return {n: f"{label} ({n})" if many[label] > 1 else label for n, label in labels.items()}
 
 
-def _ground(chunk, world):
+def _ground(chunk, world, called):
     """ground.csv of the markers with a reference; None without any."""
     numbers = list(chunk.markers)
     found = _Reference([chunk.markers[number].find("reference") for number in numbers])
@@ -698,14 +691,14 @@ def _ground(chunk, world):
     if not len(rows):
         return None
     return ground_table(
-        [_name(chunk, numbers[k]) for k in rows],
+        [called[numbers[k]] for k in rows],
         world.points(found.place[rows], _crs(chunk.marker_crs or chunk.crs)),
         found.sigma[rows],
         np.where(found.enabled[rows], "control", "check"),
     )
 
 
-def _marks(chunk, labels, notes):
+def _marks(chunk, labels, called, notes):
     at = {label: k for k, label in enumerate(labels)}
     rows, loose, lost = [], 0, 0
     for number in dict.fromkeys([*chunk.markers, *chunk.projections]):
@@ -718,7 +711,7 @@ def _marks(chunk, labels, notes):
             elif x is None or y is None:
                 raise element.wrong(f"a projection of marker {number} has no x, y")
             else:
-                rows.append((_name(chunk, number), at[label], x - 0.5, y - 0.5))
+                rows.append((called.get(number, number), at[label], x - 0.5, y - 0.5))
     if loose:
         notes.append(f"{loose} marker projections are not pinned (guessed): left out")
     if lost:
@@ -762,6 +755,5 @@ def _ties(places, found, labels, world, moves, component):
         xyz = world.points(xyz, GEOCENTRIC if world.geocentric else None)
     # Marker labels are often plain numbers: tie points get a letter.
     names = ("t" + pd.Index(known).astype("str")).astype("str")
-    placed = where >= 0
     views = Views(point, names, image, pixels[kept], "tie points")
-    return views, (names[placed], xyz[placed])
+    return views, (names[where >= 0], xyz[where >= 0])
