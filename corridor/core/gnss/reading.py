@@ -26,8 +26,13 @@ _RAW = {
     "OBSERVATION DATA": "a receiver's observations (RINEX)",
     "NAVIGATION DATA": "orbits of satellites (RINEX)",
     "GNSS NAV DATA": "orbits of satellites (RINEX)",
+    "COMPACT RINEX": "a receiver's observations (RINEX, packed)",
     "$GPGGA": "a receiver's messages (NMEA)",
     "$GNGGA": "a receiver's messages (NMEA)",
+    # Binary ones begin so.
+    "\xb5b": "a receiver's raw data (u-blox UBX)",
+    "$@": "a receiver's raw data (Septentrio SBF)",
+    "\xd3\0": "a receiver's raw data (RTCM)",
 }
 
 
@@ -100,7 +105,9 @@ def _read(path: Path) -> Track | Exposures:
         raise InputError(f"{path} does not exist; correct the path")
     if path.suffix == ".parquet":
         return block_table.read(path)
-    head = "\n".join(read_lines(path)[:_HEAD_LINES])
+    with path.open("rb") as file:
+        start = file.read(2).decode("latin-1")
+    head = start if start in _RAW else "\n".join(read_lines(path)[:_HEAD_LINES])
     if not head.strip():
         raise InputError(f"{path.name} is empty; write the file again")
     for module in _formats():
@@ -112,6 +119,11 @@ def _read(path: Path) -> Track | Exposures:
                 f"{path.name} holds {what}, no positions; process it (RTKLIB, Emlid Studio, "
                 "GrafNav) and give the result, such as a .pos and its _events.pos"
             )
+    if "POSPAC" in head.upper() or "SBET" in head.upper():
+        raise InputError(
+            f"{path.name} is a trajectory of POSPac, whose text has no one form: write its columns "
+            "as the track.csv of a block (time_s, x, y, z, sx, sy, sz), and name that"
+        )
     titles = ", ".join(module.TITLE for module in _formats())
     raise InputError(
         f"{path.name} is in no format that is known, or its header is missing; give {titles}"

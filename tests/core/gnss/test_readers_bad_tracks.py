@@ -167,3 +167,19 @@ def test_flights_may_follow_each_other_in_any_order(tmp_path):
     second = [row.replace("10", "9", 1).replace(",A,", ",B,") for row in rows[1:]]
     (tmp_path / "track.csv").write_text("\n".join(rows + second))
     assert len(read_track(tmp_path / "track.csv").table) == 12
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "named"),
+    [
+        ("rover.ubx", b"\xb5b\x01\x07" + bytes(range(200)), "u-blox UBX"),
+        ("DJI_PPKRAW.bin", b"\xd3\x00\x13" + bytes(range(200)), "RTCM"),
+        ("rover.sbf", b"$@\x12\x34" + bytes(range(200)), "Septentrio SBF"),
+        ("rover.crx", b"3.0     COMPACT RINEX FORMAT     CRINEX VERS / TYPE\n", "RINEX, packed"),
+        ("sbet.txt", b"POSPac MMS 8.4 Export\n\nTIME, EASTING\n 100.0 1\n", "track.csv of a block"),
+    ],
+)
+def test_raw_data_are_named_for_what_they_are(tmp_path, name, content, named):
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=f"{name} .*{named}"):
+        read_track(tmp_path / name)
