@@ -166,7 +166,7 @@ def test_pictures_turned_by_a_quarter_are_named():
 def test_positions_that_are_no_fix_are_named_and_not_believed(flag, least, word):
     fix = photo(lat_deg=47.0, lon_deg=8.0, sigma=(0.01, 0.01, 0.02), flag=50)
     fix = replace(fix, height=400.0)
-    table, _, (note,) = _positions_of([replace(fix, flag=flag), fix])
+    table, _, (note,) = _positions_of({"a": replace(fix, flag=flag), "b": fix})
     assert table["sx"].tolist() == [least, 0.01]
     assert f"RtkFlag {flag}" in note and word in note and note.startswith("1 of 2")
 
