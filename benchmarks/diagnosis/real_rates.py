@@ -89,8 +89,11 @@ def row_of(block: Block, truth: Truth, settings: Settings | None = None) -> dict
     began = time.process_time()
     try:
         found = corridor.diagnose(block, settings=settings)
-    except (InputError, AdjustmentFailed) as error:
-        return {"failed": str(error), "kind": truth.kind, "hidden": truth.label}
+    except Exception as error:  # a crash is a row of its own, or the rates would not know of it
+        told = isinstance(error, InputError | AdjustmentFailed)
+        name = "" if told else f"{type(error).__name__}: "
+        row = {"failed": f"{name}{error}", "crash": not told}
+        return row | {"kind": truth.kind, "hidden": truth.label}
     said = plain(found.to_dict())
     judged = judge(said, truth, block)
     errors = parameter_errors(said, truth)
@@ -184,6 +187,10 @@ def rates(every: Mapping[str, dict]) -> dict[str, str]:
             row["stated"] for row in read if row["kind"] == "null"
         ),
         "absurd values": Rate.of(bool(row["absurd"]) for row in read),
+        "crashes": Rate.of(row.get("crash", False) for row in every.values()),
+        "refused in a sentence": Rate.of(
+            bool(row["failed"]) and not row.get("crash", False) for row in every.values()
+        ),
         "check points worse by a tenth": Rate.of(row["worse"] for row in read),
         "check points worse by a tenth, than in the untouched part too": Rate.of(
             _worse_than_untouched(name, every) for name, row in every.items() if not row["failed"]
