@@ -20,7 +20,7 @@ from corridor.core.adjustment.datum import (
     scaled_by_distances,
 )
 from corridor.core.adjustment.false_positions import without_false_fixes
-from corridor.core.adjustment.gross_errors import without_gross_errors
+from corridor.core.adjustment.gross_errors import begun_with_sound_positions, without_gross_errors
 from corridor.core.adjustment.ground_variances import with_ground_doubts, with_marks_as_they_are
 from corridor.core.adjustment.left_out import adjustable_part
 from corridor.core.adjustment.linear_system import LinearSystem
@@ -257,7 +257,8 @@ def _without_gross_errors(
     """
 
     def by_squares(model: Model) -> Adjustment:
-        found = without_gross_errors(again(block, model), again)
+        first = begun_with_sound_positions(block, model, again)
+        found = without_gross_errors(first, again)
         return with_marks_as_they_are(found, again) if reweighted else found
 
     if Loss.parse(model.loss).kind == SQUARES:

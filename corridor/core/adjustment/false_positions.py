@@ -13,6 +13,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from corridor.core.adjustment.cofactors import of_antennas
+from corridor.core.adjustment.model import Model
 from corridor.core.adjustment.result import (
     Adjustment,
     Again,
@@ -75,14 +76,21 @@ def without_false_fixes(result: Adjustment, again: Again, stated: np.ndarray) ->
 
 
 def false_apart(
-    result: Adjustment, again: Again, flights: list[str], notes: list[str]
+    result: Adjustment,
+    again: Again,
+    flights: list[str],
+    notes: list[str],
+    model: Model | None = None,
 ) -> Adjustment:
     """Adjusted with the false positions among those of some flights weighted by what they miss.
 
     Found by concentration: the best part of each flight decides, and which part is best follows
     from what it says of all. Nothing is taken for false where the rest does not agree with itself.
+    model: of what is adjusted then, where the result is of one that holds what may be wrong: the
+        rest need agree with itself there only; default: that of the result.
     """
-    false = _concentrated(result, again, flights)
+    false = _concentrated(result, again, flights, held=model is not None)
+    model = result.problem.model if model is None else model
     if false is None or not false.any():
         return result
     lone = result.residuals["gnss"]["image"].astype(str).to_numpy()
@@ -90,7 +98,7 @@ def false_apart(
     rows = start.gnss["image"].astype(str).isin(set(lone[false])).to_numpy()
     silent = start.copy()
     restate(silent, rows, slice(0, 3), _SILENT)
-    apart = where_it_leads(from_where_it_ended, result, silent, result.problem.model, again)
+    apart = where_it_leads(from_where_it_ended, result, silent, model, again)
     if apart is None:
         return result
     table = apart.residuals["gnss"]
@@ -98,14 +106,16 @@ def false_apart(
     sigma = result.residuals["gnss"].loc[false, ["sx", "sy", "sz"]].to_numpy()
     size = np.sqrt(np.mean((miss / sigma) ** 2))
     restate(start, rows, slice(0, 3), max(size, 1.0))
-    found = from_where_it_ended(apart, start, result.problem.model, again)
+    found = from_where_it_ended(apart, start, model, again)
     if not found.converged:
         return result
     notes.append(_told_false(lone[false], miss, size))
     return found
 
 
-def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.ndarray | None:
+def _concentrated(
+    result: Adjustment, again: Again, flights: list[str], held: bool = False
+) -> np.ndarray | None:
     """Which antenna positions (k,) are false; None where their rest does not agree with itself.
 
     Begun with the part that fits best; where that ends nowhere, without each part of the flights
@@ -123,7 +133,7 @@ def _concentrated(result: Adjustment, again: Again, flights: list[str]) -> np.nd
     parts = [by_fit[:count], *(rows[k : k + count] for k in _begun(len(rows), count))]
     # With all of them; the rest agrees with itself, or at least far better than all do.
     limit = max(CONTRADICTING_FACTOR, _scale(lengths(result, sigma)[mine]) / CONTRADICTING_FACTOR)
-    least, found = limit, None
+    least, found = np.inf if held else limit, None
     for part in parts:
         best = np.ones(len(mine), bool)
         best[part] = False

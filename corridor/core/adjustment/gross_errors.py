@@ -14,9 +14,11 @@ import pandas as pd
 
 from corridor.core.adjustment.blunders import exchanged_points
 from corridor.core.adjustment.false_positions import false_apart, lengths
-from corridor.core.adjustment.result import Adjustment, Again
+from corridor.core.adjustment.model import ARM_M, Model
+from corridor.core.adjustment.result import Adjustment, Again, where_it_leads
 from corridor.core.adjustment.variance_components import CONTRADICTING_FACTOR
 from corridor.core.adjustment.warnings import implausible
+from corridor.core.block import Block
 from corridor.core.camera import project
 from corridor.core.errors import AdjustmentFailed, InputError, some
 from corridor.core.geometry import GROSS, OUTLIER, robust_scale_of_lengths
@@ -59,6 +61,54 @@ def without_gross_errors(result: Adjustment, again: Again) -> Adjustment:
     return found
 
 
+def begun_with_sound_positions(block: Block, model: Model, again: Again) -> Adjustment:
+    """Adjusted; with the camera held first where it runs away, or positions miss by metres.
+
+    Raises what the adjustment does, where that does not help.
+    """
+    first, failure, least = None, None, np.inf
+    try:
+        first = again(block, model)
+        if first.converged and not implausible(first):
+            if not _metres_off(first):
+                return first
+            least = first.sigma0 / CONTRADICTING_FACTOR
+    except (InputError, AdjustmentFailed) as error:
+        failure = error
+    found = _beside_stated_camera(block, model, again)
+    if found is not None and found.sigma0 < least:
+        return found
+    if failure is not None:
+        raise failure
+    return first
+
+
+def _beside_stated_camera(block: Block, model: Model, again: Again) -> Adjustment | None:
+    """Adjusted with positions set aside that are false where camera and arm are held; None where
+    there are none, or the camera, free again, is not that of the block.
+
+    A third of a flight that is metres off draws all others after it, the arm and a free focal
+    length, which may become a hundred times as long. They cannot do so where both are held.
+    """
+    held = where_it_leads(again, block, replace(model, camera="fixed", lever_arm="fixed"))
+    notes: list[str] = []
+    found = None if held is None else where_it_leads(_without_positions, held, again, notes, model)
+    if found is None or found is held or implausible(found):
+        return None
+    for note in reversed(notes):
+        found.add_note(note)
+    return found
+
+
+def _metres_off(found: Adjustment) -> bool:
+    """Whether half of the positions miss by what no arm, clock or drift of a flight comes to."""
+    table = found.residuals["gnss"]
+    miss = table[["vx", "vy", "vz"]].to_numpy()
+    sigmas = np.linalg.norm(miss / table[["sx", "sy", "sz"]].to_numpy(), axis=1)
+    far = (np.linalg.norm(miss, axis=1) > ARM_M) & (sigmas > GROSS)
+    return bool(2 * np.count_nonzero(far) > len(far))
+
+
 def _square(result: Adjustment) -> float:
     """Sum of squares of what is no tie point, in stated standard deviations, and of usable ties."""
     total = 0.0
@@ -71,16 +121,17 @@ def _square(result: Adjustment) -> float:
     return total + (2.0 * ties["count"] * ties["sigma0"] ** 2 if ties else 0.0)
 
 
-def _without_positions(result: Adjustment, again: Again, notes: list[str]) -> Adjustment:
+def _without_positions(
+    result: Adjustment, again: Again, notes: list[str], free: Model | None = None
+) -> Adjustment:
+    """free: the model to go on with, where the result is of one whose camera and arm are held."""
     table = result.residuals["gnss"]
     sigma = table[["sx", "sy", "sz"]].to_numpy()
     size = np.linalg.norm(table[["vx", "vy", "vz"]].to_numpy() / sigma, axis=1)
     if not len(size):
         return result
-    # A third of a flight that is tens of metres off draws all others after it, and the arm.
-    astray = bool(np.median(size) > GROSS and implausible(result))
     # At a glance; their own standard deviations need covariances.
-    if not astray and not (size > OUTLIER * max(np.median(size), 1.0)).any():
+    if free is None and not (size > OUTLIER * max(np.median(size), 1.0)).any():
         return result
     p, length = result.problem, lengths(result, sigma)
     flight = p.images.flight[p.gnss_image]
@@ -91,11 +142,11 @@ def _without_positions(result: Adjustment, again: Again, notes: list[str]) -> Ad
         far, alone = (np.count_nonzero(scaled > limit) for limit in (GROSS, _ALONE))
         # One of many that is off is a false fix, long before a block of them would be.
         few = 0 < far < _MOST * len(mine) or 0 < alone <= _LONE * len(mine)
-        if few or (astray and np.median(mine) > GROSS):
+        if few or (free is not None and np.median(mine) > GROSS):
             flights.append(str(p.images.flight_names[number]))
     if not flights:
         return result
-    found = false_apart(result, again, sorted(flights), notes)
+    found = false_apart(result, again, sorted(flights), notes, free)
     if found is not result:
         notes += _exchanged(found)
     return found

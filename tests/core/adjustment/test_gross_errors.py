@@ -76,13 +76,15 @@ class TestPositions:
         diagnosed = corridor.diagnose(block)
         assert not diagnosed.effects and any(pairs in note for note in diagnosed.notes)
 
-    def test_a_third_that_are_tens_of_metres_up_is_set_aside(self):
-        """Where positions keep their sigmas otherwise, as a diagnosis begins."""
-        block = flown(1)
+    @pytest.mark.parametrize(("seed", "up"), [(2, 45.0), (8, -30.0), (5, 10.0)])
+    def test_a_third_that_are_metres_up_is_set_aside(self, seed, up):
+        """Where positions keep their sigmas otherwise, as a diagnosis begins, and a free focal
+        length becomes a hundred times as long."""
+        block = flown(seed)
         third = slice(len(block.gnss) // 3, 2 * len(block.gnss) // 3)
         names = block.gnss["image"].astype(str).tolist()[third]
         block.gnss = block.gnss.assign(z=block.gnss["z"].to_numpy(copy=True))
-        block.gnss.loc[block.gnss["image"].astype(str).isin(names), "z"] += 45.0
+        block.gnss.loc[block.gnss["image"].astype(str).isin(names), "z"] += up
         found = corridor.adjust(block, weights="marks")
         assert found.converged and accuracy(found) < 0.03
         assert any(f"{len(names)} GNSS positions disagree" in note for note in found.notes)
