@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -108,10 +109,10 @@ def without_exchanged(
 
     For blocks that cannot be adjusted with them: `adjusted` is asked to do without ground control,
     on GNSS alone, and shows then where ground points lie. Raises AdjustmentFailed where all lie
-    elsewhere: in another unit, with other axes, or by one vector.
+    elsewhere: in another unit, with other axes, or by one vector; beside the stated camera too.
     """
-    told = model.control is not None or model.check is not None
-    if told or len(block.gnss) < 4 or len(block.ground) < 4:
+    asked = model.control is not None or model.check is not None
+    if asked or len(block.gnss) < 4 or len(block.ground) < 4:
         return block, []
     try:
         bare = block.copy()
@@ -119,15 +120,25 @@ def without_exchanged(
         found = adjusted(bare, model.without_effects())
     except (InputError, AdjustmentFailed):
         return block, []
-    blind = found.block
-    given = block.numbers("ground", *"xyz")[model.roles(block) != "unused"]
-    seen = where_seen(blind, blind.poses)[model.roles(block) != "unused"]
-    far = _ALIKE * _height(block, blind.poses)
-    if found.statistics["tie"].get("sigma0", 0.0) > _NO_WITNESS:
-        far = np.inf
-    elsewhere = _elsewhere(given, seen, far)
-    if elsewhere:
-        raise AdjustmentFailed(elsewhere)
+    blind, used = found.block, model.roles(block) != "unused"
+    given = block.numbers("ground", *"xyz")[used]
+    otherwise = _read_otherwise(given, where_seen(blind, blind.poses)[used])
+    if otherwise:
+        raise AdjustmentFailed(otherwise)
+
+    def elsewhere(by: Block) -> str:
+        seen = where_seen(by, by.poses)[used]
+        return _elsewhere(given, seen, _ALIKE * _height(block, by.poses))
+
+    told = found.statistics["tie"].get("sigma0", 0.0) <= _NO_WITNESS and elsewhere(blind)
+    if told:
+        # A free focal length follows positions that contradict each other, and the points with it.
+        try:
+            held = adjusted(bare, replace(model.without_effects(), camera="fixed")).block
+        except (InputError, AdjustmentFailed):
+            held = blind
+        if elsewhere(held):
+            raise AdjustmentFailed(told)
     if _posed(block):
         return block, []
     notes: list[str] = []
@@ -182,9 +193,6 @@ def _elsewhere(given: np.ndarray, seen: np.ndarray, far: float) -> str:
     given, seen = given[known], seen[known]
     if len(given) < _LEAST_CONTROL:
         return ""
-    otherwise = _read_otherwise(given, seen)
-    if otherwise:
-        return otherwise
     middle, left = np.median(given - seen, axis=0), _apart(given, seen)
     length = float(np.linalg.norm(middle))
     if length < max(_ELSEWHERE_M, far) or left > _ALIKE * length:

@@ -90,6 +90,16 @@ class TestPositions:
         assert any(f"{len(names)} GNSS positions disagree" in note for note in found.notes)
 
 
+    def test_a_half_on_another_base_says_nothing_of_the_ground(self):
+        """A free focal length follows it, and the ground points lie metres away."""
+        block = flown(2)
+        xyz = block.gnss[["x", "y", "z"]].to_numpy(copy=True)
+        xyz[len(xyz) // 2 :] += [0.4, -0.3, 0.2]
+        block.gnss = block.gnss.assign(x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2])
+        found = corridor.adjust(block, camera="fraser10", loss="cauchy:2", weights="marks")
+        assert found.converged
+
+
 class TestGroundThatLiesElsewhere:
     @pytest.mark.parametrize(
         ("change", "words"),
