@@ -40,6 +40,7 @@ from corridor.diagnosis.forward_selection import Question, course_of
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.report import actions, as_html, as_text, evidence, save, sentence
 from corridor.diagnosis.report.beside import beside
+from corridor.diagnosis.report.wording import cannot_separate
 from corridor.diagnosis.settings import Settings, using
 from corridor.diagnosis.verification.halves import compare_halves
 from corridor.diagnosis.verification.held_out import check_sigmas
@@ -75,6 +76,7 @@ class Diagnosis(Diagnosed):
                 "untestable": self.untestable,
                 "derived": [one.to_dict() for one in derived(self.block)],
                 "detection_limits": self.detection_limits,
+                "not_separated": self.not_separated,
                 "gap": self.gap,
                 "check_sigmas": self.check_sigmas,
                 "lens": self.lens,
@@ -157,7 +159,7 @@ def _diagnose(
     _add_discontinuity(found, before, last.adjustment)
     untestable = sorted(course.candidates.untestable.items())
     limits = detection_limits(last)
-    inseparable = not_separated(last)
+    inseparable = not_separated(last, found)
     run.say("comparing two halves of the images")
     halves = compare_halves(believed, course.members(last.keys), last.noise, last.lens)
     last.let_go()
@@ -172,6 +174,7 @@ def _diagnose(
         check_sigmas=check_sigmas(after),
         halves=halves,
         detection_limits=limits,
+        not_separated=inseparable,
         untestable=[{"slug": slug, "missing": missing} for slug, missing in untestable],
         lens=held.lens,
         alarms=[*variance_alarms(last.equations), *outlier_clusters(last.adjustment)],
@@ -180,7 +183,7 @@ def _diagnose(
             *implausible(before),
             *different_arms(before),
             *unseen_statements(block, found, limits),
-            *inseparable,
+            *cannot_separate(block, inseparable[:2]),
             *course.notes,
             *course.impossible.values(),
             *course.idle,

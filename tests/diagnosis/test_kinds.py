@@ -132,6 +132,9 @@ class TestWhatAFlightCannotSeparate:
         assert [one["slug"] for one in found.effects] == ["lever_arm"]
         (told,) = [note for note in found.notes if "cannot separate" in note]
         assert "separate y of a correction of the lever arm" in told and "clocks" in told
+        first = found.to_dict()["not_separated"][0]
+        assert (first["slug"], first["from"]) == ("lever_arm", "clock_offset")
+        assert first["sigma_beside"] > 3.0 * first["sigma"]
         # Hidden are 10 ms, which were not found.
         assert found.detection_limits["clock_offset"]["offset"] > 0.010
 

@@ -8,6 +8,7 @@ from math import exp
 from corridor.core.adjustment import Adjustment
 from corridor.core.block import Block
 from corridor.diagnosis.findings.findings import Findings
+from corridor.diagnosis.findings.separation import NotSeparated
 from corridor.diagnosis.forward_selection import Course
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import Settings
@@ -29,6 +30,7 @@ class Diagnosed:
     doubts: what is probably a mistake in the block, seen at first sight; among the notes too.
     settings: the numbers by which it was decided. check_sigmas: by how many of their standard
     deviations check points are off in the end, RMS.
+    not_separated: which values hold only without another effect, the most uncertain first.
     halves: what two halves of the images, adjusted apart, say of each other.
     required: 3D RMS of the check points that is good enough, metres, for the report; may be set.
     """
@@ -51,6 +53,7 @@ class Diagnosed:
     rivals: dict[str, dict[str, float]] = field(default_factory=dict)
     level: float = 0.01
     seed: int = 0
+    not_separated: list[NotSeparated] = field(default_factory=list)
     required: float | None = None
     settings: Settings = field(default_factory=Settings)
     check_sigmas: float | None = None

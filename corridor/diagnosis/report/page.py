@@ -57,7 +57,7 @@ class Section:
 
 LIMITS = Section(
     "The smallest effect that would have been seen",
-    ("limits",),
+    ("limits", "not_separated"),
     "4.5 standard deviations, which are seen in nearly every block like this one. <em>Usual "
     "size</em> is one standard deviation of what cameras and flights are expected to have.",
 )
@@ -173,6 +173,7 @@ def _tables(diagnosis: Diagnosed, compared: Beside) -> dict[str, str]:
         "gap": tables.gap(diagnosis, before, after),
         "leaving": tables.leaving(before, after),
         "limits": tables.limits(diagnosis),
+        "not_separated": tables.not_separated(diagnosis),
         "untestable": tables.untestable(diagnosis, before),
         "without_catalogue": tables.without_catalogue(diagnosis),
         "variance": tables.variance(diagnosis),

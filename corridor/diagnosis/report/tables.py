@@ -213,6 +213,16 @@ def evidence(d: Diagnosed) -> pd.DataFrame:
     return frame.sort_values("alone", ascending=False, kind="stable").reset_index(drop=True)
 
 
+def not_separated(d: Diagnosed) -> pd.DataFrame:
+    """Values that hold only as long as another effect is not there."""
+    rows = [
+        (upper(one.effect.called), ", ".join(one.names), one.other.called, *one.digits)
+        for one in d.not_separated
+    ]
+    columns = ["effect", "parameter", "not separated from", "sigma", "sigma beside it", "unit"]
+    return pd.DataFrame(rows, columns=columns)
+
+
 def limits(d: Diagnosed) -> pd.DataFrame:
     """The smallest effect of each kind that would have been seen, beside what is usual."""
     known, rows = effects_by_slug(d.block), []
