@@ -161,7 +161,11 @@ class TestPositionsThatJump:
         xyz = block.gnss[["x", "y", "z"]].to_numpy() + gone[:, None] * [0.3, -0.2, 0.5]
         block.gnss = block.gnss.assign(x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2])
         found = diagnose(block)
-        assert [one["group"] for one in found.unknown] == ["gnss_step"] and not found.effects
+        (one,) = found.unknown
+        assert one["group"] == "gnss_step" and not found.effects
+        assert np.abs(np.array(one["location"]["jump_m"]) - [0.3, -0.2, 0.5]).max() < 0.05
+        assert "another fix or base station), by (+0." in found.sentence
+        assert any("receiver's log" in step for step in found.actions)
         assert found.gap["check_m"]["after"] < 0.015 < found.gap["check_m"]["before"]
 
     @pytest.mark.parametrize("degrees", [0.06, 1.0])

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.ndimage import label
 
 from corridor.core.effects import Context, Stack
+from corridor.core.effects.moments import AtMoments
 from corridor.diagnosis.forward_selection import Round
 from corridor.diagnosis.settings import SETTINGS
 
@@ -37,7 +38,7 @@ def locate(one: Round, number: int, theta: np.ndarray) -> tuple[str, dict]:
         return _picture(system, stack, effect, table)
     every = np.arange(len(images.names))
     shift, _ = stack.evaluate(effect.place, Context(images, every), {effect.slug: table})
-    return _time(images, shift, e)
+    return _time(images, shift, effect)
 
 
 def _ground(system, effect, control, table) -> tuple[str, dict]:
@@ -112,8 +113,9 @@ def _picture(system, stack, effect, table) -> tuple[str, dict]:
     return text, where
 
 
-def _time(images, shift, e) -> tuple[str, dict]:
-    """The moment at which the curve changes fastest, in units of its own parts."""
+def _time(images, shift, effect) -> tuple[str, dict]:
+    """The moment at which the curve changes fastest, in units of its own parts; of positions that
+    jump there, by what."""
     weight = np.ones(shift.shape[1])
     moving = np.abs(shift).max(axis=0)
     weight = np.where(moving > 1e-3 * moving.max(initial=1e-300), 1.0, 0.0)
@@ -131,7 +133,9 @@ def _time(images, shift, e) -> tuple[str, dict]:
     moment = float((time[order[k]] + time[order[k + 1]]) / 2)
     after = order[k + 1]
     flight = str(images.flight_names[images.flight[order[k]]])
-    return (
-        f"changes most at {moment:.1f} s, flight {flight}, before image {images.names[after]}",
-        {"flight": flight, "time_s": moment},
-    )
+    at = f"at {moment:.1f} s, flight {flight}, before image {images.names[after]}"
+    where: dict = {"flight": flight, "time_s": moment}
+    if not (isinstance(effect, AtMoments) and effect.place == "antenna"):
+        return f"changes most {at}", where
+    where["jump_m"] = (shift[after] - shift[order[k]]).tolist()
+    return f"by ({', '.join(f'{value:+.2f}' for value in where['jump_m'])}) m {at}", where

@@ -97,8 +97,12 @@ def _told_apart(d: Diagnosed) -> list[str]:
 
 def _looked_at(d: Diagnosed) -> list[str]:
     """Where something outside the catalogue shows."""
-    places = [one.where for one in d.findings.unknown if one.kind == "unknown"]
-    return [f"Look at the pictures where it shows: {places[0]}"] if places else []
+    known, found = effects_by_slug(), [one for one in d.findings.unknown if one.kind == "unknown"]
+    if not found:
+        return []
+    antenna = known[found[0].group].place == "antenna"
+    look = "up in the receiver's log what happened" if antenna else "at the pictures where it shows"
+    return [f"Look {look}: {found[0].where}"]
 
 
 def _waited(d: Diagnosed) -> list[str]:
