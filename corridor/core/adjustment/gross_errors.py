@@ -62,51 +62,37 @@ def without_gross_errors(result: Adjustment, again: Again) -> Adjustment:
 
 
 def begun_with_sound_positions(block: Block, model: Model, again: Again) -> Adjustment:
-    """Adjusted; with the camera held first where it runs away, or positions miss by metres.
+    """Adjusted; where it runs away, or positions miss by metres, without those that are false
+    beside the stated camera.
 
+    A third of a flight that is metres off draws all others after it, the arm and a free focal
+    length, which may become a hundred times as long. They cannot do so where both are held.
     Raises what the adjustment does, where that does not help.
     """
     first, failure, least = None, None, np.inf
     try:
         first = again(block, model)
         if first.converged and not implausible(first):
-            if not _metres_off(first):
+            table = first.residuals["gnss"]
+            miss = table[["vx", "vy", "vz"]].to_numpy()
+            size = np.linalg.norm(miss / table[["sx", "sy", "sz"]].to_numpy(), axis=1)
+            # Half of them by what no arm, clock or drift of a flight comes to.
+            far = (np.linalg.norm(miss, axis=1) > ARM_M) & (size > GROSS)
+            if 2 * np.count_nonzero(far) <= len(far):
                 return first
             least = first.sigma0 / CONTRADICTING_FACTOR
     except (InputError, AdjustmentFailed) as error:
         failure = error
-    found = _beside_stated_camera(block, model, again)
-    if found is not None and found.sigma0 < least:
+    held = where_it_leads(again, block, replace(model, camera="fixed", lever_arm="fixed"))
+    notes: list[str] = []
+    found = None if held is None else where_it_leads(_without_positions, held, again, notes, model)
+    if found is not None and found is not held and found.sigma0 < least and not implausible(found):
+        for note in reversed(notes):
+            found.add_note(note)
         return found
     if failure is not None:
         raise failure
     return first
-
-
-def _beside_stated_camera(block: Block, model: Model, again: Again) -> Adjustment | None:
-    """Adjusted with positions set aside that are false where camera and arm are held; None where
-    there are none, or the camera, free again, is not that of the block.
-
-    A third of a flight that is metres off draws all others after it, the arm and a free focal
-    length, which may become a hundred times as long. They cannot do so where both are held.
-    """
-    held = where_it_leads(again, block, replace(model, camera="fixed", lever_arm="fixed"))
-    notes: list[str] = []
-    found = None if held is None else where_it_leads(_without_positions, held, again, notes, model)
-    if found is None or found is held or implausible(found):
-        return None
-    for note in reversed(notes):
-        found.add_note(note)
-    return found
-
-
-def _metres_off(found: Adjustment) -> bool:
-    """Whether half of the positions miss by what no arm, clock or drift of a flight comes to."""
-    table = found.residuals["gnss"]
-    miss = table[["vx", "vy", "vz"]].to_numpy()
-    sigmas = np.linalg.norm(miss / table[["sx", "sy", "sz"]].to_numpy(), axis=1)
-    far = (np.linalg.norm(miss, axis=1) > ARM_M) & (sigmas > GROSS)
-    return bool(2 * np.count_nonzero(far) > len(far))
 
 
 def _square(result: Adjustment) -> float:

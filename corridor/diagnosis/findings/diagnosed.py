@@ -8,7 +8,6 @@ from math import exp
 from corridor.core.adjustment import Adjustment
 from corridor.core.block import Block
 from corridor.diagnosis.findings.findings import Findings
-from corridor.diagnosis.findings.separation import NotSeparated
 from corridor.diagnosis.forward_selection import Course
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import Settings
@@ -21,16 +20,15 @@ class Diagnosed:
 
     before, after: adjustments of the believed model and of the model with what was found (the
     same where nothing was). course: all rounds of the search, with the reduced systems.
-    gap, detection_limits, untestable: as in diagnosis.json. alarms: variance tests. level, seed:
-    as asked for. lens: what it has beside its polynomials, px, and what that does to the ground;
-    None where nothing is seen of it, or the camera is held.
+    gap, detection_limits, not_separated, untestable: as in diagnosis.json. alarms: variance tests.
+    level, seed: as asked for. lens: what it has beside its polynomials, px, and what that does to
+    the ground; None where nothing is seen of it, or the camera is held.
     used: what `after` has more than `before`, by slug (`slug.point` for a control point): of
     effects that cannot be told apart, one. rivals: error with each of the others, over that with
     the one that was found, of `check` points and of held-out `tie` points.
     doubts: what is probably a mistake in the block, seen at first sight; among the notes too.
     settings: the numbers by which it was decided. check_sigmas: by how many of their standard
     deviations check points are off in the end, RMS.
-    not_separated: which values hold only without another effect, the most uncertain first.
     halves: what two halves of the images, adjusted apart, say of each other.
     required: 3D RMS of the check points that is good enough, metres, for the report; may be set.
     """
@@ -53,7 +51,7 @@ class Diagnosed:
     rivals: dict[str, dict[str, float]] = field(default_factory=dict)
     level: float = 0.01
     seed: int = 0
-    not_separated: list[NotSeparated] = field(default_factory=list)
+    not_separated: list[dict] = field(default_factory=list)
     required: float | None = None
     settings: Settings = field(default_factory=Settings)
     check_sigmas: float | None = None

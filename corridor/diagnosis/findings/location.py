@@ -9,7 +9,6 @@ import numpy as np
 from scipy.ndimage import label
 
 from corridor.core.effects import Context, Stack
-from corridor.core.effects.moments import AtMoments
 from corridor.diagnosis.forward_selection import Round
 from corridor.diagnosis.settings import SETTINGS
 
@@ -116,7 +115,6 @@ def _picture(system, stack, effect, table) -> tuple[str, dict]:
 def _time(images, shift, effect) -> tuple[str, dict]:
     """The moment at which the curve changes fastest, in units of its own parts; of positions that
     jump there, by what."""
-    weight = np.ones(shift.shape[1])
     moving = np.abs(shift).max(axis=0)
     weight = np.where(moving > 1e-3 * moving.max(initial=1e-300), 1.0, 0.0)
     away = (shift - shift.mean(axis=0)) * weight
@@ -135,7 +133,7 @@ def _time(images, shift, effect) -> tuple[str, dict]:
     flight = str(images.flight_names[images.flight[order[k]]])
     at = f"at {moment:.1f} s, flight {flight}, before image {images.names[after]}"
     where: dict = {"flight": flight, "time_s": moment}
-    if not (isinstance(effect, AtMoments) and effect.place == "antenna"):
+    if not (hasattr(effect, "moments") and effect.place == "antenna"):
         return f"changes most {at}", where
     where["jump_m"] = (shift[after] - shift[order[k]]).tolist()
     return f"by ({', '.join(f'{value:+.2f}' for value in where['jump_m'])}) m {at}", where

@@ -8,12 +8,8 @@ Source: variance of an estimate beside a nuisance parameter, as of any least squ
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from corridor.core.effects import Effect
-from corridor.core.output import scaled
 from corridor.diagnosis.findings.findings import Findings
 from corridor.diagnosis.findings.verdict import refines
 from corridor.diagnosis.forward_selection import Round
@@ -22,49 +18,11 @@ from corridor.diagnosis.forward_selection import Round
 _RATIO = 3.0
 
 
-@dataclass(frozen=True)
-class NotSeparated:
-    """Values of an effect that was found, which another of usual size would change.
+def not_separated(one: Round, findings: Findings) -> list[dict]:
+    """`not_separated` of diagnosis.json: values that were found and another effect of usual size
+    would change, the most uncertain first, without what the findings name as alternatives.
 
-    names: of its parameters; sigma, beside: standard deviation of the one that changes most,
-    without and with the other effect, in `unit`.
-    """
-
-    effect: Effect
-    other: Effect
-    names: tuple[str, ...]
-    sigma: float
-    beside: float
-    unit: str
-
-    @property
-    def digits(self) -> tuple[str, str, str]:
-        """sigma, beside and unit in two digits, for people."""
-        factor, unit = scaled(self.unit, self.beside)
-        return f"{factor * self.sigma:.2g}", f"{factor * self.beside:.2g}", unit
-
-    @property
-    def sentence(self) -> str:
-        """For the notes."""
-        sigma, beside, unit = self.digits
-        return (
-            f"This flight cannot separate {' and '.join(self.names)} of {self.effect.called} from "
-            f"{self.other.called}: with one of usual size it is known to {beside} {unit}, not to "
-            f"{sigma}."
-        )
-
-    def to_dict(self) -> dict:
-        """An entry of `not_separated` in diagnosis.json."""
-        return {
-            "slug": self.effect.slug, "from": self.other.slug, "parameters": list(self.names),
-            "sigma": self.sigma, "sigma_beside": self.beside, "unit": self.unit,
-        }  # fmt: skip
-
-
-def not_separated(one: Round, findings: Findings) -> list[NotSeparated]:
-    """Values that were found and another effect of usual size would change, by how much of theirs.
-
-    Without those that the findings name as alternatives.
+    sigma, sigma_beside: standard deviation of the one that changes most, without and with it.
     """
     evidence, chosen = one.evidence, one.found.chosen
     free = evidence.freed(evidence.of_core(chosen))
@@ -88,9 +46,10 @@ def not_separated(one: Round, findings: Findings) -> list[NotSeparated]:
             rows = np.flatnonzero(wide > _RATIO * sigma)
             if len(rows):
                 k = rows[np.argmax(wide[rows] / sigma[rows])]
-                names = tuple(dict.fromkeys(group.labels[row][1] for row in rows))
-                sizes = (float(group.scale[k] * some[k]) for some in (sigma, wide))
-                out.append(
-                    NotSeparated(group.effect, other.effect, names, *sizes, group.labels[k][2])
-                )
-    return sorted(out, key=lambda each: each.sigma / each.beside)
+                out.append({
+                    "slug": group.slug, "from": other.slug, "unit": group.labels[k][2],
+                    "parameters": list(dict.fromkeys(group.labels[row][1] for row in rows)),
+                    "sigma": float(group.scale[k] * sigma[k]),
+                    "sigma_beside": float(group.scale[k] * wide[k]),
+                })  # fmt: skip
+    return sorted(out, key=lambda each: each["sigma"] / each["sigma_beside"])

@@ -215,10 +215,12 @@ def evidence(d: Diagnosed) -> pd.DataFrame:
 
 def not_separated(d: Diagnosed) -> pd.DataFrame:
     """Values that hold only as long as another effect is not there."""
-    rows = [
-        (upper(one.effect.called), ", ".join(one.names), one.other.called, *one.digits)
-        for one in d.not_separated
-    ]
+    known, rows = effects_by_slug(d.block), []
+    for one in d.not_separated:
+        factor, unit = scaled(one["unit"], one["sigma_beside"])
+        sigmas = (two_digits(factor * one[key]) for key in ("sigma", "sigma_beside"))
+        names = " and ".join(one["parameters"])
+        rows.append((known[one["slug"]].called, names, known[one["from"]].called, *sigmas, unit))
     columns = ["effect", "parameter", "not separated from", "sigma", "sigma beside it", "unit"]
     return pd.DataFrame(rows, columns=columns)
 

@@ -103,3 +103,17 @@ def _files(table: str, names: list[str]) -> str:
         return "control points (role control in ground.csv, measured in marks.csv)"
     every = " for every image" if table == "images" else ""
     return f"{listed(names)} in {table}.csv{every}"
+
+
+def cannot_separate(block: Block, rows: list[dict]) -> list[str]:
+    """A sentence on each of the two values that another effect would change most."""
+    known, out = effects_by_slug(block), []
+    for one in rows[:2]:
+        factor, unit = scaled(one["unit"], one["sigma_beside"])
+        out.append(
+            f"This flight cannot separate {' and '.join(one['parameters'])} of "
+            f"{known[one['slug']].called} from {known[one['from']].called}: with one of usual size "
+            f"it is known to {factor * one['sigma_beside']:.2g} {unit}, not to "
+            f"{factor * one['sigma']:.2g}."
+        )
+    return out
