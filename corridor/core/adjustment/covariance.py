@@ -197,11 +197,6 @@ class Covariance:
             del self.each_point
         return variances
 
-    @property
-    def points_shared(self) -> np.ndarray:
-        """Between every point and the shared unknowns (n, 3, q)."""
-        return self.between(slice(None), range(self._q))
-
     def between(self, points: np.ndarray | slice, columns: Iterable[int]) -> np.ndarray:
         """Between some points and some of the shared unknowns (points, 3, columns)."""
         count = len(self.system.problem.ptr) - 1

@@ -14,6 +14,7 @@ from corridor.diagnosis.bootstrap.comparison import Comparison
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.findings.findings import Estimate
 from corridor.diagnosis.report.wording import (
+    cannot_separate,
     effects_by_slug,
     listed,
     placed,
@@ -215,14 +216,7 @@ def evidence(d: Diagnosed) -> pd.DataFrame:
 
 def not_separated(d: Diagnosed) -> pd.DataFrame:
     """Values that hold only as long as another effect is not there."""
-    known, rows = effects_by_slug(d.block), []
-    for one in d.not_separated:
-        factor, unit = scaled(one["unit"], one["sigma_beside"])
-        sigmas = (two_digits(factor * one[key]) for key in ("sigma", "sigma_beside"))
-        names = " and ".join(one["parameters"])
-        rows.append((known[one["slug"]].called, names, known[one["from"]].called, *sigmas, unit))
-    columns = ["effect", "parameter", "not separated from", "sigma", "sigma beside it", "unit"]
-    return pd.DataFrame(rows, columns=columns)
+    return pd.DataFrame({"values that hold only alone": cannot_separate(d.block, d.not_separated)})
 
 
 def limits(d: Diagnosed) -> pd.DataFrame:

@@ -106,9 +106,9 @@ def _files(table: str, names: list[str]) -> str:
 
 
 def cannot_separate(block: Block, rows: list[dict]) -> list[str]:
-    """A sentence on each of the two values that another effect would change most."""
+    """A sentence on each value of `not_separated` that another effect would change."""
     known, out = effects_by_slug(block), []
-    for one in rows[:2]:
+    for one in rows:
         factor, unit = scaled(one["unit"], one["sigma_beside"])
         out.append(
             f"This flight cannot separate {' and '.join(one['parameters'])} of "

@@ -72,8 +72,9 @@ class Known:
 
     def __init__(self, of):
         self.shared, self.poses, self.poses_shared = of.shared, of.each_pose, of.poses_shared
-        self.points, self.points_shared = of.each_point, of.points_shared
-        self.few = of.between(np.arange(0, len(self.points), 7), range(len(self.shared))[:1])
+        every = range(len(self.shared))
+        self.points, self.points_shared = of.each_point, of.between(slice(None), every)
+        self.few = of.between(np.arange(0, len(self.points), 7), every[:1])
 
     def agrees(self, other, within):
         """To so much of the standard deviations."""

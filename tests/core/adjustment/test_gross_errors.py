@@ -89,7 +89,6 @@ class TestPositions:
         assert found.converged and accuracy(found) < 0.03
         assert any(f"{len(names)} GNSS positions disagree" in note for note in found.notes)
 
-
     def test_a_half_on_another_base_says_nothing_of_the_ground(self):
         """A free focal length follows it, and the ground points lie metres away."""
         block = flown(2)
