@@ -6,6 +6,7 @@ import pytest
 import corridor
 from benchmarks.diagnosis.generator import null, single
 from benchmarks.diagnosis.generator.generate import generate
+from corridor.core.preparation import plausibility_warnings
 
 SMALL = {"images": 36, "observations": 130}
 
@@ -67,3 +68,11 @@ def test_a_flight_of_metres_does_not_hold_the_lever_arm_of_another():
     block.gnss.loc[second, ["x", "y", "z"]] += rng.normal(0.0, 1.5, (second.sum(), 3))
     block.gnss.loc[second, ["sx", "sy", "sz"]] = 3.0
     assert corridor.diagnose(block).verdict == "nothing"
+
+
+def test_a_flight_whose_positions_lie_elsewhere_is_told():
+    block, second = two_flights()
+    assert not [note for note in plausibility_warnings(block) if "gnss.csv lies" in note]
+    block.gnss.loc[second, ["x", "y"]] += [80.0, -3.0]
+    (note,) = [note for note in plausibility_warnings(block) if "gnss.csv lies" in note]
+    assert "in flight F2" in note

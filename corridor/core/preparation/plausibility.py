@@ -362,8 +362,10 @@ def _positions(block: Block) -> Iterator[str]:
     centres = block.numbers("images", *"xyz")
     antenna = np.full(centres.shape, np.nan)
     antenna[block.image_rows("gnss")] = block.numbers("gnss", *"xyz")
-    told = position_difference("gnss.csv", antenna, "images.csv", centres) or _displaced(
-        block, antenna, centres
+    told = (
+        position_difference("gnss.csv", antenna, "images.csv", centres)
+        or _flights_apart(block, antenna - centres)
+        or _displaced(block, antenna, centres)
     )
     if told:
         yield told
@@ -372,6 +374,27 @@ def _positions(block: Block) -> Iterator[str]:
     told = _ground(block, reach)
     if told:
         yield f"ground.csv {told} {file}: {_REMEDY}"
+
+
+def _flights_apart(block: Block, away: np.ndarray) -> str:
+    """A sentence on a flight whose positions all lie by one vector from its start poses, of which
+    they lie by away (images, 3), m, where those of another flight do not."""
+    middle, spread, names = [], [], []
+    for flight, name in enumerate(block.flight_names):
+        mine = away[(block.image_flight == flight) & np.isfinite(away).all(axis=1)]
+        if len(mine) >= _FEWEST:
+            middle.append(np.median(mine, axis=0))
+            spread.append(np.median(np.abs(mine - middle[-1])))
+            names.append(name)
+    for k in range(1, len(names)):
+        apart = float(np.linalg.norm(middle[k] - middle[0]))
+        if apart > max(_FAR_UP_M, max(spread[0], spread[k]) / _OF_RESIZED):
+            one, other = (", ".join(f"{v:+.1f}" for v in middle[n]) for n in (0, k))
+            return (
+                f"gnss.csv lies ({other}) m from images.csv in flight {names[k]}, and ({one}) m in "
+                f"flight {names[0]}: are its positions from another base, zone or height system?"
+            )
+    return ""
 
 
 def _displaced(block: Block, antenna: np.ndarray, centres: np.ndarray) -> str:
