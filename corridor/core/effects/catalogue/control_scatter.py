@@ -16,7 +16,7 @@ class ControlScatter(LinearEffect):
     needs = ("ground.x", "ground.y", "ground.z")
     group = "point"
     generic = True
-    revealed_by = "GNSS and images that contradict the control, at most points another way"
+    revealed_by = "GNSS and images that contradict the control, differently at most points"
     unobservable_when = "there are few control points, or no GNSS"
     remedy = (
         "state how accurate the control is: sx, sy, sz of ground.csv, or control_m in block.toml"
