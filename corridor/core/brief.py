@@ -1,7 +1,5 @@
 """Results as one line: names and numbers as they are, arrays and tables by their size."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sized
 from dataclasses import fields, is_dataclass
 from typing import Any, TypeVar

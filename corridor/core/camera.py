@@ -11,8 +11,6 @@ of MicMac go from the image to the ray (`image_to_ray`).
 Source: Fraser 1997, "Digital camera self-calibration", in normalised units.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
@@ -76,7 +74,7 @@ class Camera:
         )
 
     @classmethod
-    def from_table(cls, name: str, table: Mapping) -> Camera:
+    def from_table(cls, name: str, table: Mapping) -> "Camera":
         """Camera from its `[camera.NAME]` table.
 
         Raises InputError, without the name of the file, where the table cannot be a camera.
@@ -158,11 +156,11 @@ class Camera:
     def __getitem__(self, parameter: str) -> float:
         return float(self.interior[INTERIOR.index(parameter)])
 
-    def with_interior(self, interior: np.ndarray) -> Camera:
+    def with_interior(self, interior: np.ndarray) -> "Camera":
         """The same camera with another interior vector (15,)."""
         return replace(self, interior=np.array(interior, dtype=float))
 
-    def with_values(self, **values: float) -> Camera:
+    def with_values(self, **values: float) -> "Camera":
         """The same camera with some interior parameters replaced: `with_values(f=5500.0)`."""
         interior = self.interior.copy()
         for name, value in values.items():

@@ -1,7 +1,5 @@
 """Calls whose keywords are the fields of types: an option is declared once, in its type."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING, fields

@@ -4,13 +4,10 @@ Imports go down only, and no tool imports another. What stands above, or beside,
 by its public name when it is needed: who prints an adjustment, who draws it, another tool.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib
 import sys
 import warnings
-from collections.abc import Mapping
 from functools import cache
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
@@ -111,11 +108,12 @@ class _Called(MetaPathFinder, Loader):
         module.__spec__ = module.__spec__.loader_state
 
 
-def offered(room: Mapping[str, Any]) -> list[str]:
-    """The names that a room's `__init__` imports for others, sorted: its `__all__`.
+def offered(room: dict[str, Any]) -> list[str]:
+    """The names that a room's `__init__` imports for others, sorted: its `__all__` and its `dir`.
 
     room: its `globals()`. Modules and private names are not among them.
     """
+    room["__dir__"] = lambda: room["__all__"]
     return sorted(
         name
         for name, value in room.items()

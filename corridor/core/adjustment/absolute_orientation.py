@@ -5,8 +5,6 @@ position the block, and no more: what a tight control network would hide stays v
 Source: Zhou 2019, section 4.2.2.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

@@ -10,8 +10,6 @@ the images that show it, which lie within the pattern of the equations.
 Source: Baarda 1968; Förstner 1979 for the redundancy numbers, the diagonal of R.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 

@@ -6,8 +6,6 @@ every point.
 Source: Triggs et al. 2000, section 9 (free networks: S-transformation).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from functools import cached_property
 

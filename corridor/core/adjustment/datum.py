@@ -9,8 +9,6 @@ Source: Luhmann et al., "Close-range photogrammetry and 3D imaging", section 4.4
 Baarda 1973 (S-transformation).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

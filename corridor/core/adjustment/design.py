@@ -9,8 +9,6 @@ The rows are those of the assembly, some points at a time.
 Source: Triggs et al. 2000, section 6 (elimination of the points).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """An adjustment for a GIS and for programs of point clouds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -54,14 +52,11 @@ def _vectors(adjustment: Tables) -> Layer:
     off = table[["dx", "dy", "dz"]].to_numpy(float)
     # By how much they are drawn longer than they are.
     largest = float(np.linalg.norm(off, axis=1).max())
-    times = max(nice(_DRAWN * _extent(block) / largest), 1.0) if largest > 0 else 1.0
+    centres = block.poses[:, :2]
+    extent = float(np.linalg.norm(np.nanmax(centres, axis=0) - np.nanmin(centres, axis=0)))
+    times = max(nice(_DRAWN * extent / largest), 1.0) if largest > 0 else 1.0
     lines = [*in_world(block, np.stack([ground, ground + times * off], axis=1))]
     return Layer(table.assign(times=times), lines, "LineString Z")
-
-
-def _extent(block) -> float:
-    centres = block.poses[:, :2]
-    return float(np.linalg.norm(np.nanmax(centres, axis=0) - np.nanmin(centres, axis=0)))
 
 
 def _level(adjustment: Tables) -> np.ndarray:

@@ -9,8 +9,6 @@ of which the points follow (`regression`): dp_i = [i = j] V_j^-1 e_k e / s^2 - K
 Source: Baarda 1968 (external reliability); Triggs et al. 2000, section 6.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from scipy.sparse import block_diag, csr_array

@@ -7,8 +7,6 @@ Source: Rousseeuw and Van Driessen 1999, "A fast algorithm for the minimum covar
 estimator" (concentration).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.special import chdtri
 
@@ -130,7 +128,9 @@ def _concentrated(
         rows = rows[np.argsort(taken[rows], kind="stable")]
     count = len(rows) - int(np.ceil(_BEST * len(rows)))
     by_fit = np.flatnonzero(mine)[np.argsort(-lengths(result, sigma)[mine], kind="stable")]
-    parts = [by_fit[:count], *(rows[k : k + count] for k in _begun(len(rows), count))]
+    # Parts that overlap by half.
+    begun = range(0, len(rows) - count + 1, max(count // 2, 1))
+    parts = [by_fit[:count], *(rows[k : k + count] for k in begun)]
     # With all of them; the rest agrees with itself, or at least far better than all do.
     limit = max(CONTRADICTING_FACTOR, _scale(lengths(result, sigma)[mine]) / CONTRADICTING_FACTOR)
     least, found = np.inf if held else limit, None
@@ -148,11 +148,6 @@ def _concentrated(
 def _scale(length: np.ndarray) -> float:
     """Size of positions in their sigmas by the best six tenths of their lengths, chi of three."""
     return float(np.sqrt(np.quantile(length**2, _BEST) / chdtri(3, 1.0 - _BEST)))
-
-
-def _begun(rows: int, count: int) -> list[int]:
-    """Where parts of `count` of so many rows begin, that overlap by half."""
-    return list(range(0, rows - count + 1, max(count // 2, 1)))
 
 
 def _concentrated_from(

@@ -5,8 +5,6 @@ what fits it best. A few such measurements are found by an adjustment that they 
 and set aside; where that does not make the rest fit, they are not what is wrong.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -69,7 +67,8 @@ def begun_with_sound_positions(block: Block, model: Model, again: Again) -> Adju
     length, which may become a hundred times as long. They cannot do so where both are held.
     Raises what the adjustment does, where that does not help.
     """
-    first, failure, least = None, None, np.inf
+    first: Adjustment | InputError | AdjustmentFailed
+    least = np.inf
     try:
         first = again(block, model)
         if first.converged and not implausible(first):
@@ -81,8 +80,8 @@ def begun_with_sound_positions(block: Block, model: Model, again: Again) -> Adju
             if 2 * np.count_nonzero(far) <= len(far):
                 return first
             least = first.sigma0 / CONTRADICTING_FACTOR
-    except (InputError, AdjustmentFailed) as error:
-        failure = error
+    except (InputError, AdjustmentFailed) as failure:
+        first = failure
     held = where_it_leads(again, block, replace(model, camera="fixed", lever_arm="fixed"))
     notes: list[str] = []
     found = None if held is None else where_it_leads(_without_positions, held, again, notes, model)
@@ -90,8 +89,8 @@ def begun_with_sound_positions(block: Block, model: Model, again: Again) -> Adju
         for note in reversed(notes):
             found.add_note(note)
         return found
-    if failure is not None:
-        raise failure
+    if isinstance(first, Exception):
+        raise first
     return first
 
 

@@ -8,19 +8,12 @@ Source: Förstner 1979 (v'Pv / r, each group with its own redundancy), by the me
 in the place of their mean (Rousseeuw and Leroy 1987), which a blunder does not move.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from scipy.special import bdtrc, chdtrc, chdtri
 
 from corridor.core.adjustment.blunders import where_seen
-from corridor.core.adjustment.result import (
-    Adjustment,
-    Again,
-    from_where_it_ended,
-    where_it_leads,
-)
+from corridor.core.adjustment.result import Adjustment, Again, from_where_it_ended, where_it_leads
 from corridor.core.adjustment.variance_components import CONTRADICTING_FACTOR, RARE_CHANCE, general
 from corridor.core.block import EXACT_M, Block, places
 from corridor.core.camera import projection_derivatives
@@ -166,9 +159,8 @@ def _told_control(block: Block, factor: float) -> str:
     plan, _, height = np.median(block.ground_sigma(), axis=0)
     return (
         "Ground control: the residuals of too many points contradict the stated standard "
-        "deviations to call single points wrong. The control is accurate to "
-        f"{factor * plan:.2g} m horizontally and {factor * height:.2g} m in height, where "
-        f"{plan:.2g} and {height:.2g} m are stated. Either state that (control_m in block.toml, or "
-        "sx, sy, sz of ground.csv), or the model lacks something: `corridor diagnose` finds out "
-        "what."
+        f"deviations to call single points wrong. The control is accurate to {factor * plan:.2g} m "
+        f"horizontally and {factor * height:.2g} m in height, where {plan:.2g} and {height:.2g} m "
+        "are stated. Either state that (control_m in block.toml, or sx, sy, sz of ground.csv), or "
+        "the model lacks something: `corridor diagnose` finds out what."
     )

@@ -3,8 +3,6 @@
 Every real project has some; the rest of the block is none the worse for it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from corridor.core.adjustment.blunders import without_wild_cells

@@ -7,8 +7,6 @@ B belongs to the images (d unknowns each), D to what they share. B is a band alo
 (LAPACK lower band storage, Cholesky) or, where the band would cost more, a sparse matrix.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

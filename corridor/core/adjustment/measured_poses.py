@@ -10,8 +10,6 @@ A, which stay as they are.
 Source: Zhou 2019, eq. 5.2 and section 3.3.2; Sola et al. 2018, eqs. 143 and 144 (Jacobians).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,12 +18,7 @@ from corridor.core.adjustment.problem import Problem
 from corridor.core.adjustment.unknowns import State, is_per_image, per_image_code
 from corridor.core.block import turned
 from corridor.core.effects import Context, Images
-from corridor.core.geometry import (
-    right_jacobian,
-    rotation_from_vector,
-    skew,
-    vector_from_rotation,
-)
+from corridor.core.geometry import right_jacobian, rotation_from_vector, skew, vector_from_rotation
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,5 @@
 """What measurements and start values say of each other: where to look when nothing converged."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from corridor.core.adjustment.linear_system import LinearSystem

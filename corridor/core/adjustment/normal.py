@@ -1,7 +1,5 @@
 """Normal equations of a problem at a state: assembled in one pass, by one thread or two."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -57,7 +55,7 @@ class Modelled:
     slope: np.ndarray
     sight: np.ndarray
 
-    def copy(self) -> Modelled:
+    def copy(self) -> "Modelled":
         """The same in arrays of its own."""
         return Modelled(self.row.copy(), self.pixel.copy(), self.slope.copy(), self.sight.copy())
 

@@ -1,7 +1,5 @@
 """How well each kind of observation fits, as a table whose columns bear their units."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

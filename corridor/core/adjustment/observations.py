@@ -1,7 +1,5 @@
 """What is measured, as arrays in the order in which the kernels run over it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

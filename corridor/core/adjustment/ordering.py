@@ -1,7 +1,5 @@
 """Images in an order that keeps the normal equations a narrow band."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee

@@ -1,7 +1,5 @@
 """Parameters of an adjustment, each with its value, standard deviation, unit and prior."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import astuple, dataclass, fields
 

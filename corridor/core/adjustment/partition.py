@@ -1,7 +1,5 @@
 """The points in pieces, which threads take in turn."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -33,7 +31,7 @@ class Pieces:
     threads: int
 
     @classmethod
-    def of(cls, p: Problem, threads: int) -> Pieces:
+    def of(cls, p: Problem, threads: int) -> "Pieces":
         """For one thread, or two."""
         count = len(p.ptr) - 1
         point, image = [0], [0]

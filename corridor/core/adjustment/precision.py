@@ -10,8 +10,6 @@ are needed, and C B, which is seven solutions of the equations.
 Source: Baarda 1973 (S-transformation); James, Robson and Smith 2017 (precision of shape).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -48,7 +46,7 @@ class InDatum:
     @classmethod
     def of_points(
         cls, covariance: Covariance, points: np.ndarray, carrying: np.ndarray, scale: bool = True
-    ) -> InDatum:
+    ) -> "InDatum":
         """The datum lies on those of the points (k,) that are `carrying` (k,).
 
         Raises InputError where these points leave a rotation or the scale open.
@@ -71,7 +69,7 @@ class InDatum:
     @classmethod
     def of_base(
         cls, covariance: Covariance, points: np.ndarray, base: tuple[int, int], scale: bool = True
-    ) -> InDatum:
+    ) -> "InDatum":
         """The pose of the first photograph of a base is held and, with the scale, its length.
 
         Raises InputError where the two stand at one place.

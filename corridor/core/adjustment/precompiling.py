@@ -3,8 +3,6 @@
 Where nothing is compiled yet, half the time of a first adjustment goes by in this way.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 

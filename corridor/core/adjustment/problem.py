@@ -1,7 +1,5 @@
 """A block as arrays that the kernels can run over, and the list of its unknowns."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 

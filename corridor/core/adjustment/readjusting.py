@@ -7,8 +7,6 @@ Photographs rarely say how good their positions are; whoever imports them assume
 all, as the manual of a receiver has it. Their scatter about the adjusted flight says better.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -24,12 +22,7 @@ from corridor.core.adjustment.model import (
     arms_unseen,
     listed_effects,
 )
-from corridor.core.adjustment.result import (
-    Adjustment,
-    Again,
-    from_where_it_ended,
-    where_it_leads,
-)
+from corridor.core.adjustment.result import Adjustment, Again, from_where_it_ended, where_it_leads
 from corridor.core.adjustment.uncertain_motion import MotionScale
 from corridor.core.adjustment.variance_components import (
     AXES,
@@ -121,7 +114,7 @@ def _with_focal_held(result: Adjustment, model: Model) -> Model:
         model,
         priors={name: prior for name, prior in (model.priors or {}).items() if name not in names},
         parameters=ParameterSettings(
-            {**model.parameters, **{name: Setting(vary=False) for name in names}},
+            {**model.parameters, **{name: Setting(vary=False) for name in names}}
         ),
     )
 

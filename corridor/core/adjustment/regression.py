@@ -8,8 +8,6 @@ so any linear function of points has an exact variance, at the price of one solu
 Source: Triggs et al. 2000, section 6 (elimination of the points).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,15 +85,10 @@ def _pairs(rows: np.ndarray) -> np.ndarray:
 def _matrix(system: LinearSystem, points, own, shared) -> csc_array:
     p = system.problem
     length, count = np.diff(p.ptr)[points], len(points)
-    rays = np.repeat(p.ptr[points], length) + _count(length)
     start = np.concatenate([[0], np.cumsum(length)])
+    rays = np.repeat(p.ptr[points] - start[:-1], length) + np.arange(length.sum())
     blocks = (own[rays], p.img[rays], start)
     of_images = bsr_array(blocks, shape=(3 * count, p.image_count * p.d), blocksize=(3, p.d))
     beside = csr_array((3 * count, len(system.columns) - p.image_count * p.d - p.shared_count))
     parts = [of_images.tocsr(), csr_array(shared.reshape(3 * count, -1)), beside]
     return csc_array(hstack(parts, format="csr").T)
-
-
-def _count(length: np.ndarray) -> np.ndarray:
-    """0, 1, .. of each run of so many."""
-    return np.arange(length.sum()) - np.repeat(np.cumsum(length) - length, length)

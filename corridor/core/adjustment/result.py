@@ -1,7 +1,5 @@
 """An adjustment: its tables, what is doubtful about them, and the report."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -71,7 +69,7 @@ class Adjustment(Tables):
     def save(
         self,
         folder: str | os.PathLike,
-        pictures: Mapping[str, Any] | Callable[[Adjustment], Mapping[str, Any]] | None = None,
+        pictures: "Mapping[str, Any] | Callable[[Adjustment], Mapping[str, Any]] | None" = None,
         captions: Mapping[str, str] | None = None,
         gis: bool = False,
         beside: Mapping[str, bytes] | None = None,
@@ -97,7 +95,7 @@ class Adjustment(Tables):
         self._notes.insert(0, sentence)
         self.__dict__.pop("warnings", None)
 
-    def keep_notes(self, earlier: Adjustment) -> None:
+    def keep_notes(self, earlier: "Adjustment") -> None:
         """What was said of an earlier adjustment, of which this one is the continuation."""
         self._notes = [*(note for note in earlier._notes if note not in self._notes), *self._notes]
 

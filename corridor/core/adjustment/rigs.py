@@ -9,8 +9,6 @@ every member has its pose by its exposure's and what all exposures share.
 Source: Fraser 1997 (constraints as observations of high weight).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

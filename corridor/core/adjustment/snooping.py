@@ -11,8 +11,6 @@ Source: Baarda 1968; Kok 1984 (iterated data snooping); Knight, Wang and Rizos 2
 measures of reliability for multiple outliers", for several at once.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

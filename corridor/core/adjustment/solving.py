@@ -8,8 +8,6 @@ Source: Marquardt 1963; Jeong et al. 2010 (embedded point iterations); Nocedal a
 section 3.5 (quadratic interpolation).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """What an adjustment found, as tables that are computed when they are first asked for."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property

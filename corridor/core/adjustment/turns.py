@@ -4,8 +4,6 @@ Either alone explains what start values show. The camera's principal point, the 
 distortion are turned with a picture, and not with a start pose: both are adjusted and compared.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from corridor.core.adjustment.result import Adjustment, Again, where_it_leads

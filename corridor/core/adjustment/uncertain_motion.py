@@ -16,8 +16,6 @@ Source: Fuller 1987, sections 1.1 and 1.6.3 (error models); Carroll et al. 2006,
 (regression calibration); Förstner 1979 (v'Pv / r: how much of s_i the pictures confirm).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

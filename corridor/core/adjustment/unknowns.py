@@ -1,7 +1,5 @@
 """The list of what is estimated, where it stands in the equations, and what is known of it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -245,11 +243,7 @@ def priors_of(
 
 
 def refuse_twice(
-    stack: Stack,
-    free: Mapping,
-    unknowns: list[Unknown],
-    own: list[ParameterId],
-    priors: Priors,
+    stack: Stack, free: Mapping, unknowns: list[Unknown], own: list[ParameterId], priors: Priors
 ) -> None:
     """Refuse an effect that moves what a free camera parameter moves, unless a prior holds it."""
     estimated = {(camera, name) for camera, names in free.items() for name in names}

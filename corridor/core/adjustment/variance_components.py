@@ -9,8 +9,6 @@ residuals) and Bayley and Hammersley 1946, "The effective number of independent 
 autocorrelated time series", for errors that last.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import NamedTuple
 

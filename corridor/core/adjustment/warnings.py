@@ -1,7 +1,5 @@
 """What is doubtful about an adjustment, in sentences."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -42,11 +40,7 @@ _DOUBTFUL = 2.0
 
 def warnings_of(adjustment: Tables) -> list[str]:
     """Sentences, the gravest first."""
-    return [
-        *grave(adjustment),
-        *_insignificant(adjustment),
-        *_beside_a_diagnosis(adjustment),
-    ]
+    return [*grave(adjustment), *_insignificant(adjustment), *_beside_a_diagnosis(adjustment)]
 
 
 def grave(adjustment: Tables) -> list[str]:

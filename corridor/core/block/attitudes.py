@@ -10,8 +10,6 @@ Standard deviations are of small turns about level axes: sroll about the horizon
 spitch about the horizontal to the right of it, syaw about the vertical, degrees.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from corridor.core.block.tables import ANGLES, QUATERNION

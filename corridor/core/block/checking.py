@@ -233,7 +233,8 @@ def code_names(block) -> None:
     """
     for table in ("tie_points", "marks"):
         frame = getattr(block, table)
-        texts = [name for name in ("point", "image") if not _is_coded(frame[name])]
+        kinds = frame.dtypes[["point", "image"]]
+        texts = [name for name, kind in kinds.items() if not isinstance(kind, pd.CategoricalDtype)]
         if texts:
             setattr(block, table, frame.astype(dict.fromkeys(texts, "category")))
             _observations(block, table)
@@ -261,10 +262,6 @@ def _observations(block, table: str) -> None:
     key.sort()
     if (key[1:] == key[:-1]).any():
         _refuse_twice(block, table, ("point", "image"), "point {point!r} in image {image!r}")
-
-
-def _is_coded(column: pd.Series) -> bool:
-    return isinstance(column.dtype, pd.CategoricalDtype)
 
 
 def _points_are_one_kind(block) -> None:

@@ -10,8 +10,6 @@ Source: Koch 1999, "Parameter estimation and hypothesis testing in linear models
 (decorrelation by the Cholesky factor of the weights).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 # Correlations of x and y, x and z, y and z; of an image point the first alone.

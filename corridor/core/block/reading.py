@@ -17,15 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from corridor.core.block.tables import (
-    LAYOUTS,
-    NAMES,
-    Layout,
-    categorical,
-    missing_columns,
-    pa,
-    pc,
-)
+from corridor.core.block.tables import LAYOUTS, NAMES, Layout, categorical, missing_columns, pa, pc
 from corridor.core.errors import InputError
 from corridor.core.textfile import check_growth
 

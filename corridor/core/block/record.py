@@ -1,7 +1,5 @@
 """What has been taken out of a block's measurements: the table `corrected` of its block.toml."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 from corridor.core.block.block import Block

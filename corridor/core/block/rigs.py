@@ -15,8 +15,6 @@ xyz and quaternion are left out, what the start poses say on average stands in f
     C_m = C_b + R_b' t,   R_m = M R_b     with t, M the mounting
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

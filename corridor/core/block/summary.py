@@ -1,7 +1,5 @@
 """A first look at a block: what is there, how well it hangs together, what is missing."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 

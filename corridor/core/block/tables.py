@@ -52,9 +52,7 @@ class Layout:
 
 
 _OBSERVATIONS = Layout(
-    ("point", "image", "x", "y"),
-    optional=("sigma", *SIGMAS[:2], RHO[0]),
-    coded=("point", "image"),
+    ("point", "image", "x", "y"), optional=("sigma", *SIGMAS[:2], RHO[0]), coded=("point", "image")
 )
 LAYOUTS = {
     "images": Layout(

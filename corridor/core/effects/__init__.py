@@ -19,13 +19,7 @@ from corridor.core.effects.contract import (
     of_interior,
 )
 from corridor.core.effects.correction import correct
-from corridor.core.effects.forward import (
-    Prediction,
-    add,
-    predict,
-    stated_lever_arms,
-    take_out,
-)
+from corridor.core.effects.forward import Prediction, add, predict, stated_lever_arms, take_out
 from corridor.core.effects.registry import (
     believed_of,
     every_effect,
@@ -47,7 +41,3 @@ from corridor.core.effects.velocity_errors import (
 from corridor.core.registry import offered
 
 __all__ = offered(globals())
-
-
-def __dir__():
-    return __all__

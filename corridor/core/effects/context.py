@@ -1,7 +1,5 @@
 """What an effect may look at: the images of a block, and a row for each thing that it moves."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -62,7 +60,7 @@ class Images:
     member_names: list[str] = field(default_factory=list)
 
     @classmethod
-    def of(cls, block: Block) -> Images:
+    def of(cls, block: Block) -> "Images":
         """The images of a block in the order of images.csv."""
         table = block.images
         names = list(block.cameras)
@@ -115,12 +113,12 @@ class Images:
             else None,
         )
 
-    def reordered(self, order: np.ndarray) -> Images:
+    def reordered(self, order: np.ndarray) -> "Images":
         """The same images in another order."""
         fields = vars(self).items()
         return replace(self, **{k: v[order] for k, v in fields if isinstance(v, np.ndarray)})
 
-    def with_poses(self, centre: np.ndarray, rotation: np.ndarray) -> Images:
+    def with_poses(self, centre: np.ndarray, rotation: np.ndarray) -> "Images":
         """The same images at other poses."""
         return replace(self, centre=centre, rotation=rotation)
 

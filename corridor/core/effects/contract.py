@@ -4,10 +4,9 @@ A class says where it acts (`place`), with which parameters, and by how much it 
 the derivative. Simulating, adjusting, correcting, diagnosing and documenting all follow from it.
 """
 
-from __future__ import annotations
-
 import inspect
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import asdict, dataclass
 
@@ -96,6 +95,7 @@ class Effect(ABC):
     revealed_by, unobservable_when: the data that show it, and the flight that hides it, for people.
     remedy: what to do in the block about it, where an effect in the model is not the way.
     about: what is modelled, and its source; by default the text at the head of the file.
+    unknowns: the parameters of one group, where they do not depend on the block.
     """
 
     slug: str
@@ -120,6 +120,7 @@ class Effect(ABC):
     remedy: str = ""
     about: str = ""
     variants: tuple[Variant, ...] = ()
+    unknowns: Sequence[Parameter] = ()
 
     def __init__(self, group: str | None = None):
         if group is not None:
@@ -129,7 +130,7 @@ class Effect(ABC):
         group = "" if self.group == type(self).group else f" of each {self.group}"
         return f"Effect {self.slug}{group}: {self.title}"
 
-    def per(self, group: str) -> Effect:
+    def per(self, group: str) -> "Effect":
         """The same effect with another kind of groups: one set of values for each of them."""
         if group not in GROUPS:
             raise InputError(f"group {group!r} is unknown: use one of {', '.join(GROUPS)}")
@@ -137,9 +138,9 @@ class Effect(ABC):
         out.group = group
         return out
 
-    @abstractmethod
     def parameters(self, block: Block) -> list[Parameter]:
-        """The unknowns of one group."""
+        """The unknowns of one group in a block."""
+        return list(self.unknowns)
 
     @abstractmethod
     def shift(self, context: Context, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -152,7 +153,7 @@ class Effect(ABC):
         its derivative (rows, dimension, parameters) by the values of the row's group.
         """
 
-    def variant(self, one: Variant) -> Effect:
+    def variant(self, one: Variant) -> "Effect":
         """The same effect as one of its variants."""
         out = self.per(one.group)
         vars(out).update(asdict(one), variants=())
@@ -167,11 +168,11 @@ class Effect(ABC):
         told = self.about or (module and module.__doc__) or type(self).__doc__
         return [inspect.cleandoc(text) for text in (told, formula) if text]
 
-    def form(self, block: Block) -> Effect:
+    def form(self, block: Block) -> "Effect":
         """The effect as this block's data let it be: other parameters, another group."""
         return self
 
-    def with_moments(self, times: tuple[float, ...]) -> Effect:
+    def with_moments(self, times: tuple[float, ...]) -> "Effect":
         """The effect with more moments, s, where it is one that changes at moments."""
         return self
 
@@ -244,6 +245,8 @@ def check_contract(effect: Effect) -> None:
             f"effect {name}: slug = {effect.slug!r} is not a valid name: use lower case, digits "
             "and underscores"
         )
+    if type(effect).parameters is Effect.parameters and not effect.unknowns:
+        raise InputError(f"effect {name} has no parameters: list them in unknowns of the class")
     check_place(effect)
     if effect.group not in GROUPS:
         raise InputError(

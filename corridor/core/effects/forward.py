@@ -4,8 +4,6 @@ From this follow simulating an effect (add its difference to the measurements) a
 (take the same difference out).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -58,12 +56,14 @@ def gather(block: Block, values: Mapping, images: Images | None = None) -> tuple
 
 
 def _predict(block: Block, images: Images, stack: Stack, values: Arrays) -> Prediction:
+    given = np.column_stack([block.ground[axis].to_numpy(float) for axis in "xyz"])
+    control = given[(block.ground["role"] == "control").to_numpy()]
     return Prediction(
         tie=_seen(block, "tie_points", images, stack, values),
         mark=_seen(block, "marks", images, stack, values),
         gnss=_antenna(block, images, stack, values),
         attitude=_attitude(block, images, stack, values),
-        control=_given(block, stack, values, images),
+        control=control + stack.moved_ground(images, control_names(block), control, values),
     )
 
 
@@ -117,17 +117,6 @@ def stated_lever_arms(block: Block) -> np.ndarray:
     """Lever arm (flights, 3) that block.toml states, zero where it states none; camera frame, m."""
     default = block.lever_arm.get("default", (0.0, 0.0, 0.0))
     return np.array([block.lever_arm.get(name, default) for name in block.flight_names], float)
-
-
-def _given(block, stack, values, images):
-    names, position = _control(block)
-    return position + stack.moved_ground(images, names, position, values)
-
-
-def _control(block):
-    """Names and given coordinates (n, 3) of the ground control."""
-    position = np.column_stack([block.ground[axis].to_numpy(float) for axis in "xyz"])
-    return control_names(block), position[(block.ground["role"] == "control").to_numpy()]
 
 
 def add(block: Block, values: Mapping) -> Block:

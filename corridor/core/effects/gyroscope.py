@@ -1,7 +1,5 @@
 """How far a camera has turned between two moments, from the rates that a gyroscope recorded."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 

@@ -1,7 +1,5 @@
 """What changes at a moment and stays changed."""
 
-from __future__ import annotations
-
 from copy import copy
 
 import numpy as np
@@ -21,7 +19,7 @@ class AtMoments(LinearEffect):
         self.at = at
         self.more: tuple[float, ...] = ()
 
-    def with_moments(self, times: tuple[float, ...]) -> AtMoments:
+    def with_moments(self, times: tuple[float, ...]) -> "AtMoments":
         """With other moments beside those that it has by itself."""
         out = copy(self)
         out.more = times or self.more

@@ -6,8 +6,6 @@ over the block belongs to the camera, the lever arm or a named effect.
 Source: de Boor 2001, "A practical guide to splines", chapter IX.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

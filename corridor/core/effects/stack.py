@@ -1,7 +1,5 @@
 """Several effects at once: their values side by side, their shifts added up, by place."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

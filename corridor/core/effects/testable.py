@@ -1,7 +1,5 @@
 """What could be missing: every effect of the catalogue that a block can say something about."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 

@@ -4,8 +4,6 @@ The only reader and writer of effect values: adjustment.json, diagnosis.json, NA
 tables effect_SLUG.csv, `stated` and [corrected] of block.toml, and SLUG:parameter=value.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
@@ -167,7 +165,7 @@ class Values(Mapping):
         return f"Values of {', '.join(map(repr, self.values())) or 'no effect'}"
 
     @classmethod
-    def of(cls, block: Block, given: Mapping, images: Images | None = None) -> Values:
+    def of(cls, block: Block, given: Mapping, images: Images | None = None) -> "Values":
         """Values that a person gives, for the groups of a block.
 
         given: by slug, `slug@flight` or effect: `{parameter: number or {group: number}}`, an array
@@ -196,7 +194,7 @@ class Values(Mapping):
     @classmethod
     def read(
         cls, path: str | os.PathLike, block: Block, effects: Iterable[str | Effect] | None = None
-    ) -> Values:
+    ) -> "Values":
         """Values in adjustment.json, diagnosis.json or NAME.truth.json, for a block's groups.
 
         effects: slugs (`slug@flight`) or effects to be read; default: all that the file holds.
@@ -222,7 +220,7 @@ class Values(Mapping):
             ) from error
 
     @classmethod
-    def _read(cls, path: Path, told: Mapping, block: Block, wanted) -> Values:
+    def _read(cls, path: Path, told: Mapping, block: Block, wanted) -> "Values":
         held = told["effects"] if isinstance(told, dict) and told.get("effects") else {}
         kinds = dict(told.get("effect_groups", {})) if isinstance(told, dict) else {}
         slugs = [e["slug"] for e in held] if isinstance(held, list) else list(held)

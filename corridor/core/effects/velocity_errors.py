@@ -46,9 +46,7 @@ class CommonVelocityError(LinearEffect):
     generic = True
     searched = False
     needs = tuple(f"images.{axis}" for axis in COMMON)
-
-    def parameters(self, block):
-        return [Parameter("seconds", "s", scale=0.03, text="readout time, times sigmas")]
+    unknowns = [Parameter("seconds", "s", scale=0.03, text="readout time, times sigmas")]
 
     def derivative(self, context):
         """Centre by dv s, with dv the error of one sigma (world) and the row s from -1/2 to 1/2."""

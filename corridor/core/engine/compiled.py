@@ -4,8 +4,6 @@ Numba itself compares the one file that holds a function; what that inlines from
 have changed since, and the old machine code would go on.
 """
 
-from __future__ import annotations
-
 import atexit
 import hashlib
 import os
@@ -148,14 +146,10 @@ def _stamp(function: Callable) -> str:
                 visit(value._defn)
 
     visit(function)
-    return " ".join(_digest(file) for file in sorted(files))
+    return " ".join(hashlib.sha256(Path(file).read_bytes()).hexdigest() for file in sorted(files))
 
 
 @cache
-def _digest(file: str) -> str:
-    return hashlib.sha256(Path(file).read_bytes()).hexdigest()
-
-
 # --- a second process ---------------------------------------------------------------------------
 
 

@@ -11,8 +11,6 @@ some hundred images and for reading. Both find the same numbers. The variable CO
 one; without it `panels` is taken, and `plain` where numba is missing.
 """
 
-from __future__ import annotations
-
 import os
 import warnings
 from functools import cache

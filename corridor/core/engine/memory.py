@@ -1,7 +1,5 @@
 """What lies in one place after another thing, and memory that is free."""
 
-from __future__ import annotations
-
 import ctypes
 import sys
 from collections.abc import Callable

@@ -18,8 +18,6 @@ at a row, at (c, theta): X = Exp(-theta) (R (P - C) - c).
 Source: Triggs et al. 2000, "Bundle adjustment: a modern synthesis", sections 4.3, 6 and 9.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

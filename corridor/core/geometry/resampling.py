@@ -1,7 +1,5 @@
 """How certain a value is, by the groups of what it was estimated from."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -39,7 +39,3 @@ from corridor.core.gnss.track import GEOCENTRIC, GEOGRAPHIC, Track, check_qualit
 from corridor.core.registry import offered
 
 __all__ = offered(globals())
-
-
-def __dir__():
-    return __all__

@@ -259,9 +259,8 @@ def _of_resolution(exposures: Exposures, made: Interpolated) -> str:
     step = exposures.resolution_s or 0.0
     shift = speed * step / np.sqrt(3)
     return (
-        f"{exposures.source.name} prints times in steps of {1000 * step:.0f} ms: "
-        f"at {speed:.1f} m/s {100 * shift:.1f} cm (1 sigma) along the track, which the sigmas "
-        "include"
+        f"{exposures.source.name} prints times in steps of {1000 * step:.0f} ms: at {speed:.1f} "
+        f"m/s {100 * shift:.1f} cm (1 sigma) along the track, which the sigmas include"
     )
 
 

@@ -6,8 +6,6 @@ its scale differs from 1, heights keep theirs, and the Earth curves below it. In
 these are no errors; results then go out through PROJ, in the system that `[local_frame]` names.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Noise of satellite positions that changes slowly: what an epoch is off, the next one is too."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

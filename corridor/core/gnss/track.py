@@ -93,8 +93,7 @@ def check_quality(track: Track) -> None:
     if len(wrong):
         raise InputError(
             f"{track.source.name}, row {wrong[0] + 2}: quality {quality[wrong[0]]:g} is not a "
-            "whole "
-            "number; write RTKLIB's 1 fix, 2 float, 5 single"
+            "whole number; write RTKLIB's 1 fix, 2 float, 5 single"
         )
     if len(quality) and (quality == 5).all():
         raise InputError(

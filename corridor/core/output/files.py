@@ -4,8 +4,6 @@ What is written stands under a hidden name of its own until it is whole; the run
 wins, whole, and nothing hidden stays.
 """
 
-from __future__ import annotations
-
 import errno
 import glob
 import io

@@ -5,8 +5,6 @@ as scalar fields. Needs the extra `gis`: `pyogrio` (geometries are written as we
 nothing else), `rasterio`, `laspy`, and for LAZ `lazrs`, which comes with it.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 import sqlite3

@@ -1,7 +1,5 @@
 """JSON: plain values, finite or null."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

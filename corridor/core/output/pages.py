@@ -1,7 +1,5 @@
 """A report as text, as a piece of HTML for a notebook, and as a page that needs no other file."""
 
-from __future__ import annotations
-
 import base64
 import html
 import textwrap

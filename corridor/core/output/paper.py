@@ -246,8 +246,9 @@ def _fitted(rows: Sequence[Sequence[str]], align: str, room: float) -> tuple[flo
     room -= _GAP * (len(rows[0]) - 1)
     size = _ROW
     while True:
-        widths = [max(_width(text, size) for text in _longest(column)) for column in
-                  zip(*rows, strict=True)]  # fmt: skip
+        # The widest text of a column is one of its longest.
+        longest = [sorted(column, key=len)[-4:] for column in zip(*rows, strict=True)]
+        widths = [max(_width(text, size) for text in texts) for texts in longest]
         over = sum(widths) - room
         if over <= 0:
             return size, widths
@@ -258,11 +259,6 @@ def _fitted(rows: Sequence[Sequence[str]], align: str, room: float) -> tuple[flo
         if size < 4.0:
             return size, [width * room / sum(widths) for width in widths]
         size -= 0.3
-
-
-def _longest(column: Sequence[str]) -> list[str]:
-    """The few texts of a column of which one is the widest."""
-    return sorted(column, key=len)[-4:]
 
 
 def embedded(record: str, mark: str) -> str:

@@ -3,8 +3,6 @@
 corridor.adjust(block, progress=print)
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """One table of a report, already in words and digits."""
 
-from __future__ import annotations
-
 import html
 import textwrap
 from collections.abc import Sequence
@@ -20,7 +18,7 @@ class Link(str):
 
     address: str
 
-    def __new__(cls, text: str, address: str) -> Link:
+    def __new__(cls, text: str, address: str) -> "Link":
         """The text with its address."""
         made = super().__new__(cls, text)
         made.address = address
@@ -43,7 +41,7 @@ class Table:
     notes: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, frame: pd.DataFrame, title: str = "", notes: Sequence[str] = ()) -> Table:
+    def of(cls, frame: pd.DataFrame, title: str = "", notes: Sequence[str] = ()) -> "Table":
         """The table of a frame of texts; columns in which numbers prevail end on the right."""
         rows = tuple(tuple(map(str, row)) for row in frame.itertuples(index=False))
         columns = zip(*rows, strict=True) if rows else ((),) * len(frame.columns)

@@ -4,8 +4,6 @@ Columns are called as in a block's files (`x`, `sx`, `dx`), so that tables can b
 the units stand beside: in the head when a table is shown, and in the names of a CSV file.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import pandas as pd

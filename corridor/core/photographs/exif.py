@@ -3,8 +3,6 @@
 Source: EXIF 2.32 (CIPA DC-008).
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from datetime import date

@@ -4,8 +4,6 @@ Source: EXIF 2.32 (CIPA DC-008); Pix4D, "Specifications of xmp.camera tags"; DJI
 processing of the P4 Multispectral" (DewarpData, CalibratedFocalLength).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

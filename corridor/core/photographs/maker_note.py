@@ -3,8 +3,6 @@
 Source: P. Harvey, ExifTool, "DJI Tags" (tags 3 to 11 are single floats).
 """
 
-from __future__ import annotations
-
 import struct
 from typing import Any
 

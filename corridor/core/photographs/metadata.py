@@ -1,7 +1,5 @@
 """What one photograph says of itself: EXIF and XMP, the more precise where both speak."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -5,8 +5,6 @@ the one of PostScript starts Ghostscript, which runs what the file says. So a pi
 is opened by no reader but those of a camera's formats.
 """
 
-from __future__ import annotations
-
 import os
 import struct
 from typing import BinaryIO

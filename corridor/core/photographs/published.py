@@ -5,8 +5,6 @@ source. They count all rows (rows times row time); `readout_ms` of `Readout` run
 to the last. Modes of one camera differ by factors and sources by 5 to 10 per cent.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ Positions of DJI's XMP have more digits than EXIF's; older drones misspell longi
 Source: DJI's and Parrot's developer documents; Pix4D, "Specifications of xmp.camera tags".
 """
 
-from __future__ import annotations
-
 import base64
 import binascii
 from typing import Any

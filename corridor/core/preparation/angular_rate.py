@@ -1,7 +1,5 @@
 """How fast each camera turned: from its neighbours' attitudes, or from a gyroscope's record."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -7,8 +7,6 @@ start poses do, turned: a is the argument of the sum of z conj(w) about their me
 Source: the least-squares rotation in a plane (Helmert; Umeyama 1991, in two dimensions).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

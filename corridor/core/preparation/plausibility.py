@@ -3,8 +3,6 @@
 Each doubt is one sentence with the likely cause. Nothing here stops anything: a block may be odd.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from difflib import get_close_matches

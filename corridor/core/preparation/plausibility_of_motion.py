@@ -1,7 +1,5 @@
 """Times and velocities of a block that contradict the way that was flown."""
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Iterator
@@ -132,7 +130,8 @@ def velocity_warnings(block: Block) -> list[str]:
     for cause, mistaken in _MISTAKEN.items() if count else ():
         off = _differ(pairs.way, mistaken(pairs.stated))
         explained = (off < _EXPLAINS) & (off < _BETTER * as_they_are)
-        if _by_chance(int(explained.sum()), count) < _CHANCE:
+        # Of a fair coin, as many heads or more.
+        if bdtrc(int(explained.sum()) - 1, count, 0.5) < _CHANCE:
             where, question = cause.split(":")
             return [
                 f"images.csv: vx, vy, vz point {where} in {int(explained.sum())} of {count} pairs:"
@@ -190,8 +189,3 @@ def paired_speeds(block: Block) -> _Pairs:
     with np.errstate(divide="ignore", invalid="ignore"):
         way = way / seconds[:, None]
     return _Pairs(flown[good], told[good], along[good], way[good], stated[good])
-
-
-def _by_chance(count: int, of: int) -> float:
-    """Probability that a fair coin shows heads `count` times of `of`, or more often."""
-    return float(bdtrc(count - 1, of, 0.5))

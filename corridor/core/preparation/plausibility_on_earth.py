@@ -1,7 +1,5 @@
 """What in a block contradicts where it says it lies on Earth."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np
@@ -70,12 +68,11 @@ def _grid(block: Block) -> Iterator[str]:
     if not sigmas or curved < _SEEN * min(sigmas):
         return
     yield (
-        f"Coordinates are those of the grid {block.crs}, which is not a Cartesian frame: its "
-        f"scale is {1e6 * scale:+.0f} ppm horizontally and 0 in height, which focal lengths take "
-        "up, and the Earth curves below it: points are up to "
-        f"{_length(curved)} from their places after the best similarity. `corridor import block "
-        f"BLOCK -o NEW --to-crs {block.crs}` brings the block into a local frame, and results out "
-        f"in {block.crs}."
+        f"Coordinates are those of the grid {block.crs}, which is not a Cartesian frame: its scale "
+        f"is {1e6 * scale:+.0f} ppm horizontally and 0 in height, which focal lengths take up, and "
+        f"the Earth curves below it: points are up to {_length(curved)} from their places after "
+        f"the best similarity. `corridor import block BLOCK -o NEW --to-crs {block.crs}` brings "
+        f"the block into a local frame, and results out in {block.crs}."
     )
 
 

@@ -25,13 +25,7 @@ from corridor.core.preparation.record import (
     derived,
     record,
 )
-from corridor.core.preparation.smoothing import (
-    FASTEST_M_S,
-    of_gnss,
-    of_poses,
-    of_track,
-    rounding,
-)
+from corridor.core.preparation.smoothing import FASTEST_M_S, of_gnss, of_poses, of_track, rounding
 from corridor.core.preparation.tracks import interleaved
 
 _VELOCITY_SIGMA, _COMMON_ERROR = ("svx", "svy", "svz"), ("dvx", "dvy", "dvz")

@@ -4,8 +4,6 @@ What is derived is a hypothesis. Each record says what it was made from, in whic
 it is, and which other measurements agree with it, contradict it, or cannot check it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple

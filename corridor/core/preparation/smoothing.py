@@ -13,8 +13,6 @@ allow (`_off_the_clock`).
 Source: Carroll et al. 2006, section 1.4 (Berkson's errors, and why they do not attenuate).
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from scipy.sparse import block_array, diags_array, eye_array

@@ -1,7 +1,5 @@
 """The strips of a block, as images.csv names them or as it was flown."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

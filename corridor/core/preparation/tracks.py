@@ -4,8 +4,6 @@ No speed can be had across such a jump. Which image belongs to which track follo
 positions: two ways that are together much shorter than the one through all images in order of time.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -1,7 +1,5 @@
 """How fast each camera flew, from what a block knows: neighbours, strips, GNSS or metadata."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -216,9 +214,8 @@ def _checked(block: Block, found: Velocities) -> Velocities:
         time = block.column("images", "time_s")[worst]
         many = int(np.sum(found.speed > FASTEST_M_S))
         raise InputError(
-            f"{block.named('images', worst)} would fly "
-            f"{found.speed[worst]:.0f} m/s at time_s = {time:g} ({many} of {len(found.speed)} "
-            f"images faster than {FASTEST_M_S:g} m/s): its time stamp or its flight and strip are "
-            "wrong, correct them or give vx, vy, vz"
+            f"{block.named('images', worst)} would fly {found.speed[worst]:.0f} m/s at time_s = "
+            f"{time:g} ({many} of {len(found.speed)} images faster than {FASTEST_M_S:g} m/s): its "
+            "time stamp or its flight and strip are wrong, correct them or give vx, vy, vz"
         )
     return found

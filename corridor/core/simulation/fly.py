@@ -1,7 +1,5 @@
 """Where the camera is at each exposure of a plan."""
 
-from __future__ import annotations
-
 import zlib
 from dataclasses import dataclass
 

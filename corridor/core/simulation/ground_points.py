@@ -1,7 +1,5 @@
 """Where the surveyed points lie, and which tie points serve as check points."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from corridor.core.errors import InputError

@@ -1,7 +1,5 @@
 """Flight plans: what is flown, over which ground, with what errors."""
 
-from __future__ import annotations
-
 import numbers
 import os
 import sys
@@ -367,7 +365,7 @@ class Plan:
         """The line that the strips of a flight follow."""
         return self.axis if flight.axis_m is None else Axis(flight.axis_m, self.bend_radius_m)
 
-    def __add__(self, other: Plan) -> Plan:
+    def __add__(self, other: "Plan") -> "Plan":
         """The other plan's flights flown after this one's, over this one's ground."""
         flights = other.flights
         if other.axis_m != self.axis_m:
@@ -387,7 +385,7 @@ class Plan:
             source="; ".join(dict.fromkeys(filter(None, (self.source, other.source)))),
         )
 
-    def with_flights(self, **changes) -> Plan:
+    def with_flights(self, **changes) -> "Plan":
         """The plan with the same change made to every flight: `with_flights(tilt_deg=20)`."""
         return replace(self, flights=tuple(replace(f, **changes) for f in self.flights))
 

@@ -168,7 +168,10 @@ def perfect_block(
     tie_names = _names("T", len(ties.place))
     mark_names = _names("G", len(marked.place), 2) + _names("C", len(picked))
     all_marked = np.concatenate([marked.place, checks.place])
-    all_marks = _together(marked.views, checks.views)
+    all_marks = Views(
+        np.concatenate([marked.views.start, marked.views.start[-1] + checks.views.start[1:]]),
+        np.concatenate([marked.views.image, checks.views.image]),
+    )
     block = Block(
         name=plan.name,
         cameras={camera.name: camera for camera in flown.cameras},
@@ -440,12 +443,6 @@ def _names(letter: str, count: int, digits: int = 6) -> list[str]:
 
 def _xyz(points: np.ndarray) -> dict:
     return {axis: np.ascontiguousarray(points[:, k]) for k, axis in enumerate("xyz")}
-
-
-def _together(a: Views, b: Views) -> Views:
-    return Views(
-        np.concatenate([a.start, a.start[-1] + b.start[1:]]), np.concatenate([a.image, b.image])
-    )
 
 
 def _observed(names, images: pd.Index, points, views: Views, network: Network) -> pd.DataFrame:

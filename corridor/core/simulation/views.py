@@ -1,7 +1,5 @@
 """Which image sees which point, and where."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -33,7 +31,7 @@ class Views:
         """The point of each ray."""
         return np.repeat(np.arange(len(self.start) - 1, dtype=np.int32), self.multiplicity)
 
-    def of(self, points: np.ndarray) -> Views:
+    def of(self, points: np.ndarray) -> "Views":
         """The rays of some of the points, in the order given."""
         count = self.multiplicity[points]
         start = np.concatenate([[0], np.cumsum(count)])

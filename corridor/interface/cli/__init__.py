@@ -77,7 +77,9 @@ def _answer(parser_of: Callable[[list[str]], Parser], arguments: list[str] | Non
         warnings.filterwarnings("ignore", module=r"PIL\.")
         warnings.showwarning = _told(warnings.showwarning)
         try:
-            words = _asking(_with_signs(arguments))
+            words = _with_signs(arguments)
+            if words[:1] == ["help"]:  # more people know `help VERB`
+                words = [*words[1:], "--help"]
             options = parser_of(words).parse_args(words)
             _check_output(options)
             options.run(options)
@@ -173,11 +175,6 @@ def _with_signs(words: list[str] | None) -> list[str]:
         else:
             out.append(word)
     return out
-
-
-def _asking(words: list[str]) -> list[str]:
-    """`help VERB` as `VERB --help`, which more people know."""
-    return [*words[1:], "--help"] if words[:1] == ["help"] else words
 
 
 def _end(status, sentence):

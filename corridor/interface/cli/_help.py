@@ -1,7 +1,5 @@
 """`--help` folded to the terminal, with commands that can be pasted; what a slip is answered."""
 
-from __future__ import annotations
-
 import argparse
 import re
 import sys

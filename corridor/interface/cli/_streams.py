@@ -1,7 +1,5 @@
 """What is printed while nobody reads any more (`| head`): the work goes on, and is written."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Iterator

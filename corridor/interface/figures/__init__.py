@@ -39,7 +39,3 @@ from corridor.interface.figures.thermal import (
 )
 
 __all__ = offered(globals())
-
-
-def __dir__():
-    return __all__

@@ -1,7 +1,5 @@
 """Which effects a flight cannot tell apart."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure

@@ -1,7 +1,5 @@
 """Curves of a number against another, with the range over repeated draws."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Errors of many check points, a row a case: horizontal as arrows, height as bars."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
@@ -42,7 +40,6 @@ def error_maps(cases: Mapping[str, pd.DataFrame], title: str = "errors on the gr
     )
     unit = _unit(worst)
     metres_per_inch = max((limits[1] - limits[0]) / width, (limits[3] - limits[2]) / height)
-    middle = (limits[0] + limits[1]) / 2, (limits[2] + limits[3]) / 2
     for row, (name, table) in enumerate(cases.items()):
         top = 1.15 + row * step
         shown = table.iloc[_even(frame.place(maps.columns(table)))]
@@ -61,11 +58,7 @@ def error_maps(cases: Mapping[str, pd.DataFrame], title: str = "errors on the gr
         for column, text in enumerate(texts):
             left = 0.65 + column * (width + 0.45)
             axes = style.panel(figure, left, top, width, height)
-            half = np.array([width, height]) * metres_per_inch / 2
-            axes.set(
-                xlim=middle[0] + half[0] * np.array([-1, 1]),
-                ylim=middle[1] + half[1] * np.array([-1, 1]),
-            )
+            maps.at_one_scale(axes, limits, width, height)
             style.caption(axes, text)
             x_name, y_name = frame.labels
             last = row == len(cases) - 1

@@ -106,7 +106,10 @@ def _rays(axes: Axes, rays: np.ndarray) -> None:
     style.open_frame(axes)
     style.caption(axes, "images a tie point was measured in")
     style.label(axes, "images", "points")
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: _short_count(value)))
+    # All digits of millions would leave the sheet.
+    axes.yaxis.set_major_formatter(
+        FuncFormatter(lambda n, _: f"{n:,.0f}" if n < 1e6 else f"{n / 1e6:g} M")
+    )
     axes.yaxis.set_major_locator(MaxNLocator(5, integer=True, steps=[1, 2, 5, 10]))
     if not len(rays):
         style.caption(axes, "no tie points")
@@ -128,19 +131,8 @@ def _rays(axes: Axes, rays: np.ndarray) -> None:
         )
 
 
-def _short_count(count: float) -> str:
-    """The count, in millions where it has so many digits that they would leave the sheet."""
-    return f"{count:,.0f}" if count < 1e6 else f"{count / 1e6:g} M"
-
-
 def _coverage(
-    figure: Figure,
-    block: Block,
-    camera: str,
-    left: float,
-    top: float,
-    width: float,
-    height: float,
+    figure: Figure, block: Block, camera: str, left: float, top: float, width: float, height: float
 ) -> None:
     """Counts of observations over the image; the panel is at most width by height inches."""
     tables = [table for table in (block.tie_points, block.marks) if len(table)]

@@ -1,7 +1,5 @@
 """The readout time from a flight: what each strip says of it, and where the flight was slow."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.figure import Figure
 

@@ -1,7 +1,5 @@
 """By how much, and where to, the points of a picture move: arrows over the picture."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure

@@ -65,12 +65,7 @@ def precision_maps(adjustment: Adjustment) -> Figure:
             axes = style.panel(
                 figure, 0.75 + column * (width + 0.45), 1.1 + row * (height + 0.75), width, height
             )
-            scale = max((limits[1] - limits[0]) / width, (limits[3] - limits[2]) / height)
-            middle = (limits[0] + limits[1]) / 2, (limits[2] + limits[3]) / 2
-            axes.set(
-                xlim=middle[0] + scale * width / 2 * np.array([-1, 1]),
-                ylim=middle[1] + scale * height / 2 * np.array([-1, 1]),
-            )
+            maps.at_one_scale(axes, limits, width, height)
             order = np.argsort(sigma, kind="stable")
             image = axes.scatter(
                 *place[order].T, c=sigma[order], s=3.0, cmap=_SHADES, norm=norm, linewidths=0

@@ -48,7 +48,8 @@ def residual_vectors(adjustment: Adjustment, camera: str | None = None) -> Figur
         return style.sentence("No image residuals to show.", title)
     across = 1 if len(shown) == 1 else 2
     box = (8.1, 5.6) if across == 1 else (3.95, 3.4)
-    inch_per_px = min(_scale(block.cameras[name], *box) for name in shown)
+    cameras = [block.cameras[name] for name in shown]
+    inch_per_px = min(min(box[0] / one.width, box[1] / one.height) for one in cameras)
     fields = [_Field(block.cameras[name], table, mine[name], inch_per_px) for name in shown]
     exaggeration = nice(min(field.step for field in fields) / max(_longest(fields), 1e-12))
 
@@ -71,14 +72,12 @@ def residual_vectors(adjustment: Adjustment, camera: str | None = None) -> Figur
         if len(block.cameras) > 1:
             style.caption(axes, f"camera {short(name, 24)}")
         if index == 0:
-            _key(figure, left, inch_per_px / PANEL_OVER_IMAGE, exaggeration)
+            scale = inch_per_px / PANEL_OVER_IMAGE
+            length = nice(1.2 / (scale * exaggeration))
+            inches = length * exaggeration * scale
+            stated_arrow(figure, left, 0.83, inches, f"{readable(length)} px")
     style.shade_bar(figure, shades, bar_left, head, sizes[0][1], "residuals a cell", True)
     return figure
-
-
-def _scale(camera, width: float, height: float) -> float:
-    """Inches a pixel, so that the image lies within width by height."""
-    return min(width / camera.width, height / camera.height)
 
 
 def used(adjustment: Adjustment) -> tuple[pd.DataFrame, np.ndarray] | None:
@@ -153,12 +152,6 @@ def arrows(axes: Axes, x, y, dx, dy, exaggeration: float, colour: str, order: in
 def _longest(fields: list[_Field]) -> float:
     every = np.concatenate([field.length[np.isfinite(field.length)] for field in fields])
     return float(np.percentile(every, 95)) if len(every) else 0.0
-
-
-def _key(figure: Figure, left: float, inch_per_px: float, exaggeration: float) -> None:
-    length = nice(1.2 / (inch_per_px * exaggeration))
-    inches = length * exaggeration * inch_per_px
-    stated_arrow(figure, left, 0.83, inches, f"{readable(length)} px")
 
 
 def stated_arrow(figure: Figure, left: float, top: float, length: float, text: str) -> None:

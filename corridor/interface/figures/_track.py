@@ -1,10 +1,7 @@
 """A track with the exposures on it, and how well each of them is known."""
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
@@ -58,7 +55,9 @@ def track(
         figure = style.sheet(below + 0.3, title, note)
         plan = maps.map_panel(figure, frame, limits, 0.85, 1.15, 3.75, 3.85)
         along = style.panel(figure, 6.0, 1.15, 3.7, 3.85)
-    _draw_path(plan, shown, path)
+    segment = shown["segment"].to_numpy() if "segment" in shown else np.zeros(len(shown))
+    for number in np.unique(segment):
+        plan.plot(*path[segment == number].T, color=style.QUIET, lw=0.7, zorder=2)
     size = float(np.clip(60 / np.sqrt(max(len(places), 1)), 1.8, 5.0))
     plan.plot(*places[good].T, zorder=4, **style.dot("o", style.DARK, size, "white", 0.3))
     plan.plot(*places[~good].T, zorder=5, **_REFUSED)
@@ -108,12 +107,6 @@ def _span(positions, exposures) -> tuple[float, float]:
     return float(inside.min() - room), float(inside.max() + room)
 
 
-def _draw_path(axes: Axes, shown: pd.DataFrame, path: np.ndarray) -> None:
-    segment = shown["segment"].to_numpy() if "segment" in shown else np.zeros(len(shown))
-    for number in np.unique(segment):
-        axes.plot(*path[segment == number].T, color=style.QUIET, lw=0.7, zorder=2)
-
-
 def _sigmas(axes, exposures, good, curve, max_sigma, span, size) -> list[Line2D]:
     style.open_frame(axes)
     style.caption(axes, "standard deviation of the antenna")
@@ -123,7 +116,7 @@ def _sigmas(axes, exposures, good, curve, max_sigma, span, size) -> list[Line2D]
     time = exposures["time_s"].to_numpy(dtype=float)
     values = np.concatenate([sigma.ravel(), every[inside].ravel()])
     values = values[np.isfinite(values) & (values > 0)]
-    scale, unit = _time_scale(span)
+    scale, unit = (60.0, "min") if span[1] - span[0] > 300 else (1.0, "s")
     shown = time[(time >= span[0]) & (time <= span[1])]
     start = float(shown.min()) if len(shown) else span[0]
     style.label(axes, f"time since {_clock(start)} ({unit})", "sigma (mm)")
@@ -163,10 +156,6 @@ def _sigmas(axes, exposures, good, curve, max_sigma, span, size) -> list[Line2D]
         axes.axhline(1000 * max_sigma, **look)
         keys.append(style.key(f"refused above {readable(1000 * max_sigma)} mm", **look))
     return keys
-
-
-def _time_scale(span) -> tuple[float, str]:
-    return (60.0, "min") if span[1] - span[0] > 300 else (1.0, "s")
 
 
 def _clock(seconds: float) -> str:

@@ -3,8 +3,6 @@
 change: a `corridor.change.Change`, surface: its `SurfaceChange`, points: its `PointChanges`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

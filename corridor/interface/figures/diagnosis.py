@@ -1,7 +1,5 @@
 """Pictures of a diagnosis: how strongly the data speak for every candidate."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np
@@ -20,10 +18,7 @@ PHYSICAL = {"facecolor": style.DARK, "edgecolor": style.DARK}
 GENERIC = {"facecolor": "white", "edgecolor": style.QUIET, "hatch": "/////"}
 FOUND = style.dot("D", style.LIGHT, 4.8, style.INK)
 BESIDE = style.dot("o", "white", 4.8, style.INK)
-LIMITS = {
-    "named": ("-", "named"),
-    "suspected": ("--", "suspected"),
-}
+LIMITS = {"named": ("-", "named"), "suspected": ("--", "suspected")}
 
 
 def evidence_bars(

@@ -145,15 +145,20 @@ def map_panel(
     The north arrow stands outside, right of the map, and needs half an inch there.
     """
     axes = style.panel(figure, left, top, width, height)
+    at_one_scale(axes, limits, width, height)
+    axes.set_aspect("equal", adjustable="box")
+    style.label(axes, *frame.labels)
+    _north_arrow(figure, frame, left + width + 0.3, top + 0.35)
+    return axes
+
+
+def at_one_scale(axes: Axes, limits: tuple, width: float, height: float) -> None:
+    """Axes of so many inches that show all of `limits`, at the same scale in both directions."""
     x0, x1, y0, y1 = limits
     scale = max((x1 - x0) / width, (y1 - y0) / height)
     x_mid, y_mid = (x0 + x1) / 2, (y0 + y1) / 2
     axes.set_xlim(x_mid - scale * width / 2, x_mid + scale * width / 2)
     axes.set_ylim(y_mid - scale * height / 2, y_mid + scale * height / 2)
-    axes.set_aspect("equal", adjustable="box")
-    style.label(axes, *frame.labels)
-    _north_arrow(figure, frame, left + width + 0.3, top + 0.35)
-    return axes
 
 
 def _north_arrow(figure: Figure, frame: MapFrame, left: float, top: float) -> None:
@@ -181,10 +186,7 @@ def groups(block: Block) -> list[tuple[str, np.ndarray]]:
         names = list(dict.fromkeys(strip))
         if len(names) > 1:
             return [
-                (
-                    f"strip {short(name, 12)}" if name else "no strip",
-                    np.flatnonzero(strip == name),
-                )
+                (f"strip {short(name, 12)}" if name else "no strip", np.flatnonzero(strip == name))
                 for name in names
             ]
     return [("images", np.arange(len(images)))]

@@ -1,7 +1,5 @@
 """How accurate a flight will be, against what is surveyed on the ground."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

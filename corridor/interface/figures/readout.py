@@ -1,7 +1,5 @@
 """How a readout time was measured: photographs, what was fitted to them, and what is left over."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -8,8 +8,6 @@ Colours: P. Tol's "high-contrast" scheme, told apart by readers with any colour 
 because its lightness is graded, in grey print. A marker or a line style always says the same.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -9,11 +9,4 @@ from corridor.interface.report.adjustment import (
     steps,
 )
 
-__all__ = [
-    "CAPTIONS",
-    "adjustment_dict",
-    "doubted",
-    "of_adjustment",
-    "save_adjustment",
-    "steps",
-]
+__all__ = ["CAPTIONS", "adjustment_dict", "doubted", "of_adjustment", "save_adjustment", "steps"]

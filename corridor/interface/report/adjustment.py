@@ -69,6 +69,7 @@ _STRONG = 0.95
 _MOST_GROUPS_SHOWN = 8  # of one effect parameter
 _MOST_POINTS = 20
 _MOST_PAIRS = 12
+_GO_ON = "Go on with OUT/block, or in another program: `corridor export FORMAT OUT -o OUT2`."
 # A sum of squares of check points that chance exceeds this rarely; a sigma naught worth a question.
 _RARE, _LARGE = 0.01, 1.1
 _MOST_STEPS = 3
@@ -100,7 +101,7 @@ def of_adjustment(adjustment: Adjustment) -> Report:
         opening=_headline(adjustment),
         warnings=adjustment.warnings,
         tables=[table for table in made if table is not None],
-        actions=_actions(adjustment),
+        actions=(steps(adjustment) or [_GO_ON]) if adjustment.converged else [],
     )
 
 
@@ -127,10 +128,7 @@ def save_adjustment(
     """
     folder, block = Path(folder), adjustment.block
     captions = CAPTIONS if captions is None else captions
-    with (
-        whole_folder(folder, RESULT) as part,
-        ThreadPoolExecutor(1) as aside,
-    ):
+    with whole_folder(folder, RESULT) as part, ThreadPoolExecutor(1) as aside:
         # Of a river both take as long, and a file is written while Python draws.
         written = aside.submit(block.write, part / "block", form=block.form)
         pictures = pictures(adjustment) if callable(pictures) else pictures or {}
@@ -288,14 +286,6 @@ def _beyond(adjustment: Adjustment) -> bool:
     # The sum of squares of n normalised numbers is a chi-square of n degrees of freedom.
     scaled = check[_DIFFERENCES].to_numpy(float) / check[_SIGMAS].to_numpy(float)
     return bool(np.sum(np.square(scaled)) > chdtri(np.size(scaled), _RARE))
-
-
-def _actions(adjustment: Adjustment) -> list[str]:
-    """What to do next, the most useful first, at most three."""
-    if not adjustment.converged:
-        return []
-    go_on = "Go on with OUT/block, or in another program: `corridor export FORMAT OUT -o OUT2`."
-    return steps(adjustment) or [go_on]
 
 
 def steps(adjustment: Adjustment) -> list[str]:

@@ -1,7 +1,5 @@
 """The result of a batch as a table, a text and a page, the most urgent block first."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from dataclasses import dataclass

@@ -55,7 +55,10 @@ def batch(
     for bit. Raises InputError where nothing can be begun, or another batch is writing to output.
     """
     asked = _asked(verb, options, memory_gb)
-    jobs = _workers(asked) if jobs is None and cluster is None else jobs or 1
+    if jobs is None and cluster is None:
+        # As many as there are cores for the threads of each.
+        jobs = max(joblib.cpu_count() // asked.options.get("threads", 1), 1)
+    jobs = jobs or 1
     if cluster is None and memory_gb is None:
         asked = replace(asked, memory_gb=share_of_machine(jobs))
     output = Path(output).absolute()
@@ -149,11 +152,6 @@ def _asked(verb: str, options: dict[str, Any], memory_gb: float | None) -> Asked
     if unknown:
         raise TypeError(f"{verb} of many blocks takes no {', '.join(sorted(unknown))}")
     return Asked(verb, model, options, required, counterparts, memory_gb, command, gis)
-
-
-def _workers(asked: Asked) -> int:
-    """As many as there are cores for the threads of each."""
-    return max(joblib.cpu_count() // asked.options.get("threads", 1), 1)
 
 
 def _named(blocks: str | os.PathLike | Iterable[str | os.PathLike]) -> dict[str, Path]:

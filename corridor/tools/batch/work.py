@@ -1,7 +1,5 @@
 """One block of a batch, by whichever worker: adjusted or diagnosed, saved, and its row kept."""
 
-from __future__ import annotations
-
 import gc
 import hashlib
 import json
@@ -72,7 +70,7 @@ class Task:
     asked: Asked
 
     @classmethod
-    def of(cls, name: str, folder: Path, output: Path, asked: Asked) -> Task:
+    def of(cls, name: str, folder: Path, output: Path, asked: Asked) -> "Task":
         """The task of a block as its files are now."""
         digest = hashlib.sha256(asked.text.encode())
         for path in sorted(folder.glob("*")) if folder.is_dir() else ():

@@ -5,11 +5,8 @@ made.save("out/dike")
 print(corridor.verify("out/dike/certificate.pdf", "data_synthetic/dike"))
 """
 
+from corridor.core.registry import offered
 from corridor.tools.certificate.certifying import Certificate, certify, form_names
 from corridor.tools.certificate.verifying import Verified, verify
 
-__all__ = ["Certificate", "Verified", "certify", "form_names", "verify"]
-
-
-def __dir__():
-    return sorted(__all__)
+__all__ = offered(globals())

@@ -1,7 +1,5 @@
 """A certificate: what it is of, what it states, and its two files."""
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import json
@@ -134,9 +132,15 @@ def certify(
         "asked": asked,
         "files": files,
         "software": software(),
-        "figures": {name: _digits(value) for name, value in stated.figures.items()},
+        # Six digits of a figure: beyond them processors differ.
+        "figures": {
+            name: float(f"{value:.6g}") if isinstance(value, float) else value
+            for name, value in stated.figures.items()
+        },
     }
-    tables = [*stated.tables, _untested(stated), _made_with(asked), _files(files)]
+    untested = tuple((sentence,) for sentence in stated.untested)
+    untested = Table("What was not tested", (), untested, "w")
+    tables = [*stated.tables, untested, _made_with(asked), _files(files)]
     report = Report(
         title=f"{made.TITLE}: {given.name}",
         opening=f"{stated.opening} {_NATURE}",
@@ -216,17 +220,7 @@ def model_of(written: dict[str, Any]) -> Model:
     return Model(**given, parameters=wishes)
 
 
-def _digits(value: Any) -> Any:
-    """A figure to six digits: beyond them processors differ."""
-    return float(f"{value:.6g}") if isinstance(value, float) else value
-
-
 # --- the tables that every form has ----------------------------------------------------------
-
-
-def _untested(stated: Statement) -> Table:
-    rows = tuple((sentence,) for sentence in stated.untested)
-    return Table("What was not tested", (), rows, "w")
 
 
 def _made_with(asked: dict[str, Any]) -> Table:

@@ -1,7 +1,5 @@
 """What a form states, and what it has to go by."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -44,7 +42,7 @@ class Subject:
     required: float | None
 
     @cached_property
-    def checked(self) -> CheckPoints:
+    def checked(self) -> "CheckPoints":
         """The check points, with their survey."""
         return CheckPoints.of(self.adjustment)
 
@@ -102,7 +100,7 @@ class CheckPoints:
         return len(self.names)
 
     @classmethod
-    def of(cls, adjustment: Adjustment) -> CheckPoints:
+    def of(cls, adjustment: Adjustment) -> "CheckPoints":
         """Those of an adjustment that images show."""
         table, block = adjustment.check_points, adjustment.problem.block
         ground = block.ground

@@ -3,10 +3,7 @@
 print(corridor.check.check_project("river.psx", "out/river", required=0.02))
 """
 
+from corridor.core.registry import offered
 from corridor.tools.check.checking import Checked, check_project
 
-__all__ = ["Checked", "check_project"]
-
-
-def __dir__():
-    return sorted(__all__)
+__all__ = offered(globals())

@@ -1,7 +1,5 @@
 """What an adjustment and a diagnosis say to the program that a project comes from."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 
@@ -37,7 +35,7 @@ class ProgramSettings:
     effects: list[str] = field(default_factory=list)
 
     @classmethod
-    def of(cls, adjustment: dict, found: dict | None, block: Block) -> ProgramSettings:
+    def of(cls, adjustment: dict, found: dict | None, block: Block) -> "ProgramSettings":
         """Settings of adjustment.json and diagnosis.json."""
         cameras: dict[str, tuple[list[str], list[str]]] = {}
         for camera, parameters in adjustment["camera"].items():

@@ -1,7 +1,5 @@
 """Files for the program that a project comes from, proved by importing them again."""
 
-from __future__ import annotations
-
 import tomllib
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -56,7 +54,8 @@ def take_back(result: Path, folder: Path, form: str, settings: ProgramSettings) 
     native = form if form in formats.export_names() else ""
     sentences: list[str] = []
     with whole_folder(folder, MARK) as part:
-        _write_settings(part, settings, form)
+        lines = [f"Settings for {form}, from corridor check", "", *settings.sentences(form)]
+        (part / MARK).write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
         _write_camera(part, measured)
         _write_positions(part, measured, formats)
         _write_ground(part, measured)
@@ -148,11 +147,6 @@ def _ground_again(path: Path, block: Block, formats) -> str:
             what = counted(len(both), "point" if table == "ground" else "mark")
             told.append(f"{what}, {_same(off, unit)}")
     return ", ".join(told)
-
-
-def _write_settings(folder: Path, settings: ProgramSettings, form: str) -> None:
-    lines = [f"Settings for {form}, from corridor check", "", *settings.sentences(form)]
-    (folder / MARK).write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 
 
 def _write_camera(folder: Path, block: Block) -> None:

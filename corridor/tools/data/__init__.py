@@ -4,11 +4,8 @@ corridor.data.table()
 corridor.data.fetch("balbianello", "out/balbianello")
 """
 
+from corridor.core.registry import offered
 from corridor.tools.data.fetching import fetch
 from corridor.tools.data.registered import DataSet, register, table
 
-__all__ = ["DataSet", "fetch", "register", "table"]
-
-
-def __dir__():
-    return sorted(__all__)
+__all__ = offered(globals())

@@ -4,11 +4,8 @@ corridor.faults.report("BLOCK", "adjust --effect gnss_bias", "out/fault")
 corridor.faults.anonymous(block)
 """
 
+from corridor.core.registry import offered
 from corridor.tools.faults.anonymous import anonymous
 from corridor.tools.faults.reduction import Fault, report
 
-__all__ = ["Fault", "anonymous", "report"]
-
-
-def __dir__():
-    return sorted(__all__)
+__all__ = offered(globals())

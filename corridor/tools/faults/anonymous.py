@@ -1,7 +1,5 @@
 """A block without what tells whose it is: names, place, day, and all that nobody here reads."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -21,12 +19,13 @@ def anonymous(block: Block) -> tuple[Block, dict[str, str]]:
     begin near zero, heights stay (effects know of water levels), times begin in the first
     second. Columns that are not listed, texts, offset and reference system are left out.
     """
+    points = [getattr(block, table)["point"].astype(object) for table in _POINTS]
     names = {
         "image": _named("i", block.images["image"]),
         "flight": _named("F", [*block.flight_names, *_of(block, "flight")]),
         "strip": _named("s", _of(block, "strip")),
         "camera": _named("C", block.cameras),
-        "point": _named("p", pd.unique(pd.concat([_point(block, t) for t in _POINTS]))),
+        "point": _named("p", pd.unique(pd.concat(points))),
     }
     shift = _start(block, ("x", "y"), ("images", "gnss", "points", "ground", "track"))
     start = _start(block, ("time_s",), ("images", "rates", "track"))
@@ -67,10 +66,6 @@ def _named(letter: str, names: Iterable) -> dict[str, str]:
 def _of(block: Block, column: str) -> list:
     frames = (getattr(block, table) for table in ("images", "rates", "track"))
     return [name for frame in frames if column in frame for name in frame[column].unique()]
-
-
-def _point(block: Block, table: str) -> pd.Series:
-    return getattr(block, table)["point"].astype(object)
 
 
 def _start(block: Block, columns: tuple[str, ...], tables: tuple[str, ...]) -> np.ndarray:

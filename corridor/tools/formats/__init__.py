@@ -8,12 +8,7 @@ project.block.write("block")
 from corridor.core.photographs import Metadata as Photograph
 from corridor.core.photographs import read_metadata as read_photograph
 from corridor.tools.formats.control import add_ground, ground_seen
-from corridor.tools.formats.exporting import (
-    Exported,
-    export_names,
-    export_project,
-    read_adjusted,
-)
+from corridor.tools.formats.exporting import Exported, export_names, export_project, read_adjusted
 from corridor.tools.formats.ground import read_gcp_list
 from corridor.tools.formats.importing import Additions, Imported, complete, import_project
 from corridor.tools.formats.programs import candidates

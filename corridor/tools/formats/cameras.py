@@ -90,9 +90,7 @@ def where_known(names: Iterable[str], make: Callable[[str], Camera]) -> dict[str
 
 
 def shared(
-    interiors: Sequence[tuple[float, ...]],
-    name: Callable[[int], str],
-    make: Callable[..., Camera],
+    interiors: Sequence[tuple[float, ...]], name: Callable[[int], str], make: Callable[..., Camera]
 ) -> tuple[dict[str, Camera], list[str]]:
     """The different cameras of images by name, and that of each image.
 

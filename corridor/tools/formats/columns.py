@@ -75,8 +75,7 @@ class NumberLines(Plain):
         if not good.all():
             row = int(np.argmin(good))
             raise self.wrong(
-                row,
-                f"{self.counts[row]} words where {what}; the file is cut off or out of step",
+                row, f"{self.counts[row]} words where {what}; the file is cut off or out of step"
             )
 
 

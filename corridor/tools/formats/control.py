@@ -6,8 +6,6 @@ of a project that has no positions, and the height system of one that has. What 
 refused.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 from itertools import combinations, islice
@@ -85,7 +83,9 @@ def add_ground(
                 "metres, or name their system with --ground-crs if that counts in this unit"
             )
         if crs is not None:
-            if ground.crs not in (None, crs) and not _both_geographic(ground.crs, crs):
+            # A header that counts latitude and longitude names no datum.
+            same = ground.crs == GEOGRAPHIC and known_crs(crs).is_geographic
+            if ground.crs not in (None, crs) and not same:
                 raise InputError(
                     f"its coordinates are in {ground.crs[:60]}; --ground-crs {crs} contradicts it"
                 )
@@ -121,11 +121,6 @@ def add_ground(
         f"{path.name}: all heights are {heights[0]:g} m, so they look typed, not surveyed; "
         "give the surveyed ones, or their standard deviation (sz in ground.csv)"
     )
-
-
-def _both_geographic(crs: str, other: str) -> bool:
-    """Whether both count latitude and longitude, as a header says it that names no datum."""
-    return crs == GEOGRAPHIC and known_crs(other).is_geographic
 
 
 def _with_place(project: Project, ground: Ground) -> Project:
@@ -231,8 +226,7 @@ def _placed(project: Project, name: str) -> Project:
     if bad and len(seen.names) > _LEAST_POINTS:
         warnings.append(
             f"{name}: {', '.join(bad[:5])} lie {away[~good].max():.3g} m from where their marks "
-            "see them, the others "
-            f"{np.median(away[good]):.2g} m: are names or coordinates wrong?"
+            f"see them, the others {np.median(away[good]):.2g} m: are names or coordinates wrong?"
         )
     unit = unit_of(move.scale)
     if unit and len(project.block.gnss):
@@ -338,11 +332,10 @@ def _in_one_height_system(project: Project, name: str) -> Project:
     what = "positions of the photographs" if len(block.gnss) else "images"
     if far[:2].any() or len(seen.names) < 2:
         raise InputError(
-            f"{name}: its points lie {plan:,.1f} m horizontally and {up:+,.1f} m vertically "
-            "from where "
-            f"the marks in the pictures see them (median of {len(seen.names)}), so the {what} and "
-            "the ground points are not in one system; check --crs, the order of the coordinates "
-            "and the names of the points"
+            f"{name}: its points lie {plan:,.1f} m horizontally and {up:+,.1f} m vertically from "
+            f"where the marks in the pictures see them (median of {len(seen.names)}), so the "
+            f"{what} and the ground points are not in one system; check --crs, the order of the "
+            "coordinates and the names of the points"
         )
     shift = np.array([0.0, 0.0, up])
     moved = moved_by(project, Similarity(1.0, np.eye(3), shift))

@@ -5,8 +5,6 @@ for a similarity. Where a position is that of another moment than its picture, t
 one is moved along time; on the strips to and fro nothing else does that.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

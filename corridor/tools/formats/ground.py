@@ -6,8 +6,6 @@ Metashape's marker XML, ground.csv (with marks.csv beside it) of a block, and pl
 they are; where they then lie far from what the images see, they are refused (`plausible`).
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from dataclasses import dataclass, field, replace

@@ -4,8 +4,6 @@ Columns are known by the words of the header (Easting, Northing, Elevation, lat,
 without a header they are name, x, y, z, then perhaps three standard deviations.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 import unicodedata
@@ -87,7 +85,8 @@ def read_text(path: Path) -> Table:
     separator = _separator(found)
     for line in found:
         cells = _cells(line, separator)
-        if not rows and header is None and not _has_place(cells):
+        # A line with hardly a number is a header.
+        if not rows and header is None and sum(map(_is_place_like, cells)) < 2:
             header, unit = _header(line, cells), _unit(cells)
         else:
             rows.append((line, cells))
@@ -138,11 +137,6 @@ def _is_place_like(cell: str) -> bool:
     return _number(cell) is not None or re.fullmatch(r"[+-]?\d+,\d+", cell) is not None
 
 
-def _has_place(cells: list[str]) -> bool:
-    """Whether a line has numbers at all, so that it is no header."""
-    return sum(map(_is_place_like, cells)) >= 2
-
-
 # --- which column is which -------------------------------------------------------------------
 
 
@@ -189,9 +183,8 @@ def _header(line: Line, cells: list[str]) -> list[str | None]:
     named = [column for column in columns if column]
     twice = next((column for column in named if named.count(column) > 1), None)
     if twice:
-        raise line.wrong(
-            f"two columns of the header are {_shown(twice)}; keep one of them, or rename it"
-        )
+        twice = {"point": "names of points", "z": "heights"}.get(twice, twice)
+        raise line.wrong(f"two columns of the header are {twice}; keep one of them, or rename it")
     if not _is_whole(columns):
         unknown = [cell for cell, column in zip(cells, columns, strict=True) if column is None]
         told = f" ({', '.join(unknown[:4])})" if unknown else ""
@@ -206,10 +199,6 @@ def _header(line: Line, cells: list[str]) -> list[str | None]:
     if "point" not in columns:
         raise line.wrong("the header names no column of names; add one called point")
     return columns
-
-
-def _shown(column: str) -> str:
-    return {"point": "names of points", "z": "heights"}.get(column, column)
 
 
 def _guessed(rows: list[tuple[Line, list[str]]], separator: str | None, notes: list[str]):
@@ -305,7 +294,11 @@ def _sigmas(line: Line, cells: dict[str, str]) -> list[float]:
 
 
 def _role(line: Line, cell: str) -> str:
-    return role_of(cell) or _refused_role(line, cell)
+    role = role_of(cell)
+    if role is None:
+        near = did_you_mean(cell.lower(), ROLES)
+        raise line.wrong(f"role {cell!r} is unknown{near}; write one of {', '.join(ROLES)}")
+    return role
 
 
 def role_of(text: str) -> str | None:
@@ -316,8 +309,3 @@ def role_of(text: str) -> str | None:
     word = _word(text)
     word = _ROLE.get(word, word)
     return word if word in ROLES else "control" if not word else None
-
-
-def _refused_role(line: Line, cell: str):
-    near = did_you_mean(cell.lower(), ROLES)
-    raise line.wrong(f"role {cell!r} is unknown{near}; write one of {', '.join(ROLES)}")

@@ -4,8 +4,6 @@ Large drones write the yaw of the gimbal from north, small ones from the airfram
 yaw of the flight from north. One photograph cannot tell which; all photographs of a flight can.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

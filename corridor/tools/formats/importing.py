@@ -16,24 +16,12 @@ from corridor.core.gnss import about_the_middle, in_metres, known_crs, local_of,
 from corridor.core.options import options
 from corridor.core.output import Progress, Report, Table, png, silent, telling, whole_file
 from corridor.core.photographs import photographs_in, read_metadata
-from corridor.core.preparation import (
-    AGREES,
-    Witness,
-    derived,
-    derived_table,
-    record_derived,
-)
+from corridor.core.preparation import AGREES, Witness, derived, derived_table, record_derived
 from corridor.tools.formats.control import add_ground, marks_refused
 from corridor.tools.formats.delay import with_delay_told
 from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.joining import bent
-from corridor.tools.formats.mapping import (
-    Cheaply,
-    forget,
-    from_photographs,
-    is_whole,
-    workplace,
-)
+from corridor.tools.formats.mapping import Cheaply, forget, from_photographs, is_whole, workplace
 from corridor.tools.formats.placing import (
     Track,
     add_photographs,
@@ -191,10 +179,11 @@ def import_project(
     beside = None if added.ground is not None else _list_beside(path)
     if beside is not None:
         told = f"{beside} lies beside the project and was not read: give it with --ground"
-        project = project.having(warnings=[told])
+        project = project.warned(told)
     project = complete(project, added, say)
     if form == "photos":
-        if bent(project.block) and _can_start(path, added):
+        files = photographs_in(path)[:: added.share]
+        if bent(project.block) and can_start(list(map(read_metadata, files))):
             again = from_photographs(path, Path(output), say, cheaply, force, started=True)
             again = complete(again, added, say)
             project = again if bent(again.block) is None else project
@@ -216,11 +205,11 @@ def import_project(
         pass
     elif proof.verdict == "refused" and not force:
         told = f"by the poses of the project itself the points do not reproject ({proof.main})"
-        project = project.having(warnings=[told])
+        project = project.warned(told)
     elif proof.verdict == "refused":
-        project = project.having(warnings=[f"written with --force although {proof.refusal()}"])
+        project = project.warned(f"written with --force although {proof.refusal()}")
     elif proof.verdict == "unproved":
-        project = project.having(warnings=[proof.refusal()])
+        project = project.warned(proof.refusal())
     block = project.block
     block.source = block.source or f"imported from {project.form}: {path.name}"
     say(f"writing {output}")
@@ -264,11 +253,6 @@ def _with_tie_sigma(project: Project) -> Project:
     return project.having(notes=[told], sigma={**block.sigma, "tie_px": sigma}, extra=block.extra)
 
 
-def _can_start(folder: Path, added: Additions) -> bool:
-    files = photographs_in(folder)[:: added.share]
-    return can_start([read_metadata(file) for file in files])
-
-
 def _straight(project: Project, output: Path, force: bool) -> Project:
     """Raises WorkFailed where a model contradicts the positions, unless nobody minds."""
     said = bent(project.block)
@@ -280,7 +264,7 @@ def _straight(project: Project, output: Path, force: bool) -> Project:
             f"{others}{said[0].upper()}{said[1:]}; features and matches are kept in "
             f"{workplace(output)}; --force writes the block as it is"
         )
-    return project.having(warnings=[said])
+    return project.warned(said)
 
 
 def in_crs(project: Project, crs: str) -> Project:
@@ -307,7 +291,7 @@ def in_crs(project: Project, crs: str) -> Project:
         told = block.crs if len(block.crs) <= 40 else known_crs(block.crs).name
     made = near_origin(moved(block, crs))
     note = f"coordinates were converted from {told} to {crs}, point by point"
-    return replace(project, block=made).having(notes=[note])
+    return replace(project, block=made).noted(note)
 
 
 def in_local_frame(project: Project, crs: str | None) -> Project:
@@ -324,7 +308,7 @@ def in_local_frame(project: Project, crs: str | None) -> Project:
             f"coordinates were converted to east, north, up about {local.lat_deg:g}, "
             f"{local.lon_deg:g}: results go out in {crs}"
         )
-        project = project.having(notes=[note])
+        project = project.noted(note)
     elif crs is None:
         return project
     return replace(project, block=moved(block, local, crs))

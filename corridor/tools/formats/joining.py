@@ -1,7 +1,5 @@
 """Why photographs could not be joined to the others, by what they say of themselves."""
 
-from __future__ import annotations
-
 import numpy as np
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial.distance import pdist, squareform
@@ -120,15 +118,11 @@ def _motion(photos):
         )
 
 
-def _height(photos):
-    """Above the place of take-off, m, as makers write it; None where they do not."""
-    heights = [h for p in photos if (h := p.number("RelativeAltitude")) and h > 1]
-    return float(np.median(heights)) if heights else None
-
-
 def _metres_a_pixel(photos):
-    height, focal = _height(photos), stated_focal(photos[0])
-    return height / focal.px if height and focal else None
+    # Above the place of take-off, m, as some makers write it.
+    heights = [h for p in photos if (h := p.number("RelativeAltitude")) and h > 1]
+    focal = stated_focal(photos[0])
+    return float(np.median(heights)) / focal.px if heights and focal else None
 
 
 def _overlap(photos, joined):

@@ -7,8 +7,6 @@ position where the photographs have one, else all with all, or along the sequenc
 Source: Schönberger and Frahm 2016, "Structure-from-motion revisited" (COLMAP).
 """
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -22,7 +20,6 @@ import numpy as np
 from PIL import Image
 
 from corridor.core.errors import InputError, WorkFailed
-from corridor.core.gnss import Local
 from corridor.core.output import silent, whole_folder
 from corridor.core.photographs import (
     FAULTS,
@@ -33,6 +30,7 @@ from corridor.core.photographs import (
     read_metadata,
     stated_focal,
 )
+from corridor.tools.formats.heading import east_north
 from corridor.tools.formats.joining import listed, places_apart, why_lost
 from corridor.tools.formats.programs import colmap
 from corridor.tools.formats.project import Project
@@ -124,7 +122,7 @@ def from_photographs(
     project = _with_lost_named(project, place, names, photos, force)
     project = _with_focal_compared(project, names, photos)
     if len(files) < len(every):
-        project = project.having(notes=[f"{len(files)} of {len(every)} photographs were used"])
+        project = project.noted(f"{len(files)} of {len(every)} photographs were used")
     project = project.having(name=folder.resolve().name)
     return replace(project, form="photos", source=folder)
 
@@ -175,7 +173,7 @@ def _with_lost_named(project, place, names, photos, force):
             "for a block. "
             f"{said[0].upper()}{said[1:]}; --force writes the block of those that are joined"
         )
-    return replace(project.having(warnings=[said]), lost=lost)
+    return replace(project.warned(said), lost=lost)
 
 
 def _with_focal_compared(project, names, photos):
@@ -347,9 +345,7 @@ def _pairs(photos: list[Metadata]) -> list[tuple[int, int]]:
     if len(placed) < count:
         found |= {(i, j) for i in range(count) for j in range(i + 1, min(i + _SEQUENCE, count))}
     if placed:
-        spots = np.array([[photos[k].lon_deg, photos[k].lat_deg, 0.0] for k in placed])
-        lon, lat, _ = np.median(spots, axis=0)
-        plan = Local(float(lat), float(lon), 0.0).from_geographic(spots)[:, :2]
+        plan = east_north([photos[k] for k in placed])
         for k, spot in zip(placed, plan, strict=True):
             near = np.argsort(np.hypot(*(plan - spot).T), kind="stable")[1 : _NEIGHBOURS + 1]
             found |= {(min(k, placed[n]), max(k, placed[n])) for n in near.tolist()}

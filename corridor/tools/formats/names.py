@@ -1,7 +1,5 @@
 """Names of images: one file or program writes them otherwise than another, and means the same."""
 
-from __future__ import annotations
-
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -9,10 +7,6 @@ from collections.abc import Callable, Iterable
 import pandas as pd
 
 _ENDINGS = frozenset("jpg jpeg tif tiff png dng raw arw cr2 cr3 nef orf rw2 webp bmp gif".split())
-
-
-def _same(name: str) -> str:
-    return name
 
 
 def _folders(name: str) -> str:
@@ -27,7 +21,7 @@ def without_ending(name: str) -> str:
 
 # How alike two names are, from the same to the least alike, and what differs in a sentence.
 _STEPS: tuple[tuple[str, Callable[[str], str]], ...] = (
-    ("", _same),
+    ("", str),
     ("", _folders),
     ("upper and lower case", lambda name: _folders(name).casefold()),
     ("the folder", lambda name: _folders(name).rpartition("/")[2]),

@@ -1,7 +1,5 @@
 """Time, place, temperature and gyroscope of a project's images, from photographs or a track."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -13,11 +11,7 @@ import pandas as pd
 from corridor.core import gnss
 from corridor.core.block import POSE, Block
 from corridor.core.errors import InputError, some
-from corridor.core.geometry import (
-    robust_scale,
-    rotation_from_quaternion,
-    similarity,
-)
+from corridor.core.geometry import robust_scale, rotation_from_quaternion, similarity
 from corridor.core.gnss import GEOGRAPHIC, Local, local_of, local_table
 from corridor.core.photographs import (
     Metadata,
@@ -138,7 +132,7 @@ def _with_times(project, folder, photos):
             parts.append(replace(part, table=part.table.assign(row=at).dropna(subset=["row"])))
         exposures = gnss.on_one_clock(parts)
     except InputError as error:
-        return project.having(warnings=[f"no times from the photographs: {error}"]), None
+        return project.warned(f"no times from the photographs: {error}"), None
     rows = exposures.table["row"].to_numpy(int)
     table = exposures.table.drop(columns="row")
     time = np.full(len(project.block.images), np.nan)
@@ -146,8 +140,7 @@ def _with_times(project, folder, photos):
     known = np.isfinite(time)
     if known.sum() > 1 and np.ptp(time[known]) == 0:
         return project.having(
-            notes=notes,
-            warnings=["all photographs have one time: their times were left out"],
+            notes=notes, warnings=["all photographs have one time: their times were left out"]
         ), None
     images = project.block.images["image"].to_numpy()[rows].astype(str)
     table = table.assign(image=pd.array(images, dtype="str")).reset_index(drop=True)
@@ -300,9 +293,7 @@ def with_motion(project: Project, photos: dict[int, Metadata]) -> Project:
     if not recorded or len(block.rates):
         return project
     if not np.isfinite(time).any():
-        return project.having(
-            notes=["the gyroscope's samples were left out: the images have no times"]
-        )
+        return project.noted("the gyroscope's samples were left out: the images have no times")
     tables = [
         gyro_rates(photo, time[row]).assign(image=block.images["image"].iloc[row])
         for row, photo in recorded.items()
@@ -528,7 +519,7 @@ def _with_positions(project, photos: dict[int, Metadata], exposures):
                 lever_arm_fixed=True,
             )
     if not len(table):
-        return project.having(notes=["the photographs have no positions"])
+        return project.noted("the photographs have no positions")
     columns = [name for name in ("sx", "sy", "sz") if name in table]
     turns = rotations_of(list(photos.values()))
     names = project.block.images["image"].iloc[list(photos)]
@@ -581,8 +572,7 @@ def _positions_of(photos: Mapping[str, Metadata]) -> tuple[pd.DataFrame, str, li
     if assumed:
         told = (
             f"{assumed} of {len(rows)} positions come without a standard deviation: 3 m "
-            "horizontally "
-            "and 6 m in height were assumed where no RTK flag says better"
+            "horizontally and 6 m in height were assumed where no RTK flag says better"
         )
     for flag, many in sorted((f, n) for f, n in poor.items() if n):
         what = "a float solution" if 32 <= flag <= 49 else _STATUS.get(flag, "which is not a fix")
@@ -745,8 +735,7 @@ def add_track(project: Project, exposures: gnss.Exposures | None, track: Track) 
         )
     if epochs.crs is None:
         project = project.having(
-            notes=[f"gnss.csv: {len(found.gnss)} positions in {name}'s own metres"],
-            gnss=found.gnss,
+            notes=[f"gnss.csv: {len(found.gnss)} positions in {name}'s own metres"], gnss=found.gnss
         )
     else:
         table = found.gnss.rename(columns={"x": "lon", "y": "lat", "z": "height"})

@@ -4,8 +4,6 @@ The yardstick is never the suspect: where the rays of the marks meet, else where
 What makes the coordinates fit (axes exchanged, feet, a zone before the easting ...) is named.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

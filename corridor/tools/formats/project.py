@@ -73,11 +73,11 @@ class Project:
         )
 
     def noted(self, *notes: str) -> Project:
-        """The project with more notes."""
+        """The project with sentences on what was decided or left out."""
         return self.having(notes=notes)
 
     def warned(self, *warnings: str) -> Project:
-        """The project with more warnings."""
+        """The project with sentences on what may be wrong."""
         return self.having(warnings=warnings)
 
 
@@ -118,9 +118,8 @@ def rotations_to_columns(rotation: np.ndarray) -> np.ndarray:
         if np.abs(singular[row] - 1).max() <= 1e-3:
             row = int(np.argmax(np.linalg.det(rotation) < 0))
         raise ValueError(
-            f"the rotation of image {row + 1} of {len(rotation)} is not a rotation: its rows "
-            "are not "
-            "perpendicular unit vectors, right-handed"
+            f"the rotation of image {row + 1} of {len(rotation)} is not a rotation: its rows are "
+            "not perpendicular unit vectors, right-handed"
         )
     return quaternion_from_rotation(u @ vt)
 

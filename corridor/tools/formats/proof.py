@@ -5,8 +5,6 @@ distortion) looks like a bad camera. Here each usual mistake is undone in turn; 
 the observations decisively better is named.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -44,7 +42,7 @@ class Residuals:
     large: float
 
     @classmethod
-    def of(cls, length: np.ndarray) -> Residuals:
+    def of(cls, length: np.ndarray) -> "Residuals":
         """Statistics of lengths (n,); NaN (behind the camera) counts as infinitely long."""
         length = np.where(np.isnan(length), np.inf, length)
         if not len(length):

@@ -1,7 +1,5 @@
 """Read a project of another program, whatever its format."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 
@@ -55,7 +53,7 @@ def read_project(
         project = project.having(warnings=_unseen(project.block))
     if others:
         also = f"the same place is also a project of {', '.join(others)}: name it so"
-        project = project.having(notes=[also])
+        project = project.noted(also)
     return project
 
 

@@ -1,7 +1,5 @@
 """A block as plain arrays, for whoever writes or proves a project."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -42,7 +40,7 @@ class Rows:
         """(n, 3): t = -R C."""
         return -np.einsum("nij,nj->ni", self.rotation, self.centre)
 
-    def only(self, kept: np.ndarray) -> Rows:
+    def only(self, kept: np.ndarray) -> "Rows":
         """Those of the observations (m,) that are kept."""
         parts = {name: getattr(self, name)[kept] for name in ("image", "point", "pixels")}
         return self if kept.all() else replace(self, **parts)

@@ -5,8 +5,6 @@ all pictures have their place from the beginning: points are intersected with a 
 poses adjusted with the positions held to their sigma, and the limit is made narrower.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Callable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """What a file is that is no project, and the way on: by its ending and its first characters."""
 
-from __future__ import annotations
-
 from itertools import islice
 from pathlib import Path
 

@@ -9,8 +9,6 @@ is turned back. The measurements of another program's project stay as they are: 
 same pictures again.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -71,8 +69,8 @@ def with_turned(project: Project, photos: dict[int, Metadata]) -> Project:
             "pictures stand on their heads beside the others"
         )
     if gain < 0:
-        return project.having(
-            notes=[f"{against}; the residuals fit the pictures as they are: nothing was turned"]
+        return project.noted(
+            f"{against}; the residuals fit the pictures as they are: nothing was turned"
         )
     said = f"{many} are turned by 180 degrees against their own yaw in the metadata: {which}"
     tools = {photos[row].tags.get("CreatorTool", "") for row in rows[turned]} - {""}
@@ -88,8 +86,8 @@ def with_turned(project: Project, photos: dict[int, Metadata]) -> Project:
             f"{said}: take the originals, or turn them back by 180 degrees, and import again; "
             "as they are, focal length and distortion are wrong"
         )
-    return _turned_back(project, rows[turned]).having(
-        notes=[f"{said}: their measurements were turned back; the files stay as they are"]
+    return _turned_back(project, rows[turned]).noted(
+        f"{said}: their measurements were turned back; the files stay as they are"
     )
 
 

@@ -1,7 +1,5 @@
 """What a table of expected accuracies says, in sentences."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import pandas as pd

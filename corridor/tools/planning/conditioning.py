@@ -11,8 +11,6 @@ picking them, R their covariance:
 Source: Joseph's form of the Kalman update; equal to an adjustment with the control in it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +29,7 @@ class Moments:
     error: np.ndarray
     transfer: np.ndarray
 
-    def of(self, rows: np.ndarray) -> Moments:
+    def of(self, rows: np.ndarray) -> "Moments":
         """The moments of some of the quantities."""
         at = np.ix_(rows, rows)
         return Moments(self.stated[at], self.error[at], self.transfer[rows])

@@ -1,7 +1,5 @@
 """What neither GNSS nor control determines: told from points that stay as loose as they were."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from corridor.core.adjustment import QUANTITIES

@@ -1,7 +1,5 @@
 """What a plan gives with one set of control points."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property

@@ -10,8 +10,6 @@ V^-1 is a ground point's covariance at given poses, J the GNSS rows, W their wei
 Source: Triggs et al. 2000, section 6 (elimination of points).
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -59,7 +57,7 @@ class Carried:
     transfer: np.ndarray
     held: bool = False
 
-    def for_flights(self, names: Iterable[str]) -> Carried:
+    def for_flights(self, names: Iterable[str]) -> "Carried":
         """Without the lever arms of other flights than these."""
         flights = set(names)
         kept = [
@@ -113,7 +111,8 @@ class Network:
                 )
         self.block, self.surveyed, self.unseen = _block_of(plan, surveyed, seed)
         model = replace(model, control=self.surveyed.names, check=None)
-        problem = make_problem(_loosely_known(self.block), model)
+        loose = self.block.ground.assign(sx=LOOSE_M, sy=LOOSE_M, sz=LOOSE_M)
+        problem = make_problem(replace(self.block, ground=loose), model)
         system = LinearSystem(problem, problem.start)
         self.columns, self.images, self.gnss = system.columns, system.images, system.gnss
         self.unknowns = self.columns.shared
@@ -323,8 +322,3 @@ def _block_of(plan: Plan, surveyed: Surveyed, seed: int) -> tuple[Block, Surveye
 
 
 _SIGMAS = ("tie_px", "mark_px", "gnss_m", "control_m", "attitude_deg")
-
-
-def _loosely_known(block: Block) -> Block:
-    loose = dict.fromkeys(("sx", "sy", "sz"), LOOSE_M)
-    return replace(block, ground=block.ground.assign(**loose))

@@ -1,7 +1,5 @@
 """What is wrong with GNSS positions: white noise, noise with a memory, a constant bias."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

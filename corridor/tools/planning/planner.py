@@ -73,12 +73,7 @@ class Planner:
     """
 
     @options(believed=Believed)
-    def __init__(
-        self,
-        plan: Plan | str | os.PathLike,
-        *,
-        believed: Believed,
-    ):
+    def __init__(self, plan: Plan | str | os.PathLike, *, believed: Believed):
         began = time.perf_counter()
         self.plan = plan if isinstance(plan, Plan) else read_plan(plan)
         surveyed = believed.surveyed or Surveyed.grid(self.plan)

@@ -1,7 +1,5 @@
 """Expected accuracies for a terminal, a notebook, and as a folder: the advice first."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Where points could be surveyed: the candidates for ground control, and the check points."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -33,7 +31,7 @@ class Surveyed:
     check: np.ndarray
 
     @classmethod
-    def grid(cls, plan: Plan, stations: int = 13, check: int | None = None) -> Surveyed:
+    def grid(cls, plan: Plan, stations: int = 13, check: int | None = None) -> "Surveyed":
         """Candidates on both banks and the axis at so many stations, check points between them.
 
         stations: places along the corridor with candidates L (left of the axis), M (on it) and R.

@@ -1,7 +1,5 @@
 """Many flight sets, each with several sets of control points: on one core, many, or a cluster."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import combinations

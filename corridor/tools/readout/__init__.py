@@ -6,12 +6,7 @@ print(corridor.readout.readout_from_flight("my_block"))
 """
 
 from corridor.core.photographs import published_readouts
-from corridor.core.preparation import (
-    Velocities,
-    rates_from_gyro,
-    rates_from_neighbours,
-    velocities,
-)
+from corridor.core.preparation import Velocities, rates_from_gyro, rates_from_neighbours, velocities
 from corridor.core.registry import offered
 from corridor.tools.readout import render
 from corridor.tools.readout.bar import measure_bar
@@ -31,7 +26,3 @@ readout_from_star, readout_from_wheel = measure_star, measure_wheel
 readout_from_led = measure_led
 
 __all__ = sorted([*offered(globals()), "render"])
-
-
-def __dir__():
-    return __all__

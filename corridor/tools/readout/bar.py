@@ -12,8 +12,6 @@ difference of the two photographs shows nothing but the two fans. The answer dep
 Source of the measurement: Wallace, camfi (doi 10.5281/zenodo.4971144), who clicked the edges.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Photographs to try `corridor readout` with: what a shutter of known readout time would take."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,7 +50,8 @@ def write_examples(folder: str | os.PathLike) -> list[Path]:
     with whole_folder(folder, MARK, lambda name: name in (*names, MARK)) as part:
         for example in EXAMPLES:
             for name, picture in zip(example.photos, _photographs(example), strict=True):
-                (part / name).write_bytes(_jpeg(picture))
+                made = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 95])[1]
+                (part / name).write_bytes(made.tobytes())
         truth = {
             one.target: {"photos": one.photos, "options": one.options, "readout_ms": one.readout_ms}
             for one in EXAMPLES
@@ -75,7 +74,3 @@ def _photographs(example: Example) -> list[np.ndarray]:
 
 def _developed(light: np.ndarray, seed: int = 0) -> np.ndarray:
     return render.develop(light, noise=0.004, blur_px=0.6, seed=seed)
-
-
-def _jpeg(picture: np.ndarray) -> bytes:
-    return cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()

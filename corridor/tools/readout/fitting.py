@@ -1,7 +1,5 @@
 """Robust least squares for a few dozen parameters, with a sigma that knows about clusters."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Callable
@@ -96,7 +94,7 @@ def fit(
         scales = _scales(residuals, groups, floor)
         if np.all(np.abs(scales / before - 1) < 0.01):
             break
-    weights = _tukey(residuals / scales)
+    weights = (1 - np.clip(np.abs(residuals / scales) / _TUKEY, 0, 1) ** 2) ** 2
     jacobian = _derivative(model, values, modelled(values), step, own)
     pull = _derivative(prior, values, prior(values), step)
     weighted = jacobian * (weights / scales**2)[:, None]
@@ -132,10 +130,6 @@ def _scales(residuals, groups, floor):
         for k in range(groups.max(initial=0) + 1)
     ]
     return np.array(each)[groups]
-
-
-def _tukey(ratio):
-    return (1 - np.clip(np.abs(ratio) / _TUKEY, 0, 1) ** 2) ** 2
 
 
 def _loss(count, squares):

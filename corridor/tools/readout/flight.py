@@ -1,7 +1,5 @@
 """The readout time of a camera from an ordinary survey flight, or why it does not tell."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -71,7 +69,7 @@ def readout_from_flight(
     say("adjusting the block", 0.05, 1.0)
     adjustment = _adjusted(motion.on(prepared.block), loss, max_iterations)
     block, system = adjustment.block, adjustment.system
-    row = _row(adjustment)
+    row = adjustment.effects[adjustment.effects["parameter"] == READOUT].iloc[0]
     readout, formal = float(row["value"]), float(row["sigma"])
     left = []
     groups = strips_of(block)
@@ -147,11 +145,6 @@ def late_clock() -> Effect:
     """What moves antenna positions as the velocity says: they are late."""
     late = (one for one in every_effect() if one.place == "antenna" and one.group == "block")
     return next(one for one in late if "images.vx" in one.needs)
-
-
-def _row(adjustment: least_squares.Adjustment) -> pd.Series:
-    table = adjustment.effects
-    return table[table["parameter"] == READOUT].iloc[0]
 
 
 def _number(adjustment: least_squares.Adjustment) -> int:

@@ -1,7 +1,5 @@
 """The folder of what a flight tells of a readout time: page, picture and numbers."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """What a flight tells of a readout time: which to use, sentences, tables and numbers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -204,10 +202,12 @@ def _advice(found: FlightReadout) -> str:
 
 
 def _values(found: FlightReadout) -> Table:
+    known = np.isfinite(found.jackknife) and found.jackknife > 0
+    jackknife = rounded(0.0, 1000 * found.jackknife)[1] if known else "\u2013"
     rows = [
         ("by the flight", *_pair(found.readout, found.sigma), "all included"),
         ("", "", rounded(0.0, 1000 * found.formal)[1], "of it formal"),
-        ("", "", _sigma(found.jackknife), "by the jackknife over strips alone"),
+        ("", "", jackknife, "by the jackknife over strips alone"),
         ("with eight camera parameters", *_pair(found.eight, found.eight_sigma), "b1 = b2 = 0"),
     ]
     known = published_value(found)
@@ -222,10 +222,6 @@ def _pair(value: float, sigma: float) -> tuple[str, str]:
 
 def _turn_deg_s(found: FlightReadout) -> float:
     return float(np.degrees(np.median(found.motion.turning)))
-
-
-def _sigma(value: float) -> str:
-    return rounded(0.0, 1000 * value)[1] if np.isfinite(value) and value > 0 else "\u2013"
 
 
 def _strips(found: FlightReadout) -> Table:

@@ -11,8 +11,6 @@ does to their shape: over-exposure, gamma and duty cycle change the harmonics, n
 What OpenDroneMap's users do by counting stripes.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -128,11 +126,7 @@ def measure_led(
         rows=rows,
         frequency_hz=frequency_hz,
         warnings=tuple(warnings),
-        extra={
-            "stripes": stripes,
-            "rows_per_period": 1 / cycles,
-            "saturated_share": bright,
-        },
+        extra={"stripes": stripes, "rows_per_period": 1 / cycles, "saturated_share": bright},
         drawing=StripesDrawing(photo, fitted.signal, fitted.model),
     )
     return found.beside_published(photo)

@@ -5,8 +5,6 @@ scale of the picture at the principal point. Rows are read out as stored, so who
 time of a point takes its stored row.
 """
 
-from __future__ import annotations
-
 import os
 import tomllib
 from pathlib import Path
@@ -62,7 +60,7 @@ class Unknown:
         self.focal_sigma = 0.08 if focal_px else 0.35  # of its logarithm
 
     @classmethod
-    def of(cls, photo) -> Unknown:
+    def of(cls, photo) -> "Unknown":
         """The lens of a photograph."""
         return cls(photo.width, photo.height, photo.focal_px)
 

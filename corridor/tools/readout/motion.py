@@ -1,7 +1,5 @@
 """How the images of a block moved, and what of it the adjustment is to doubt."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Which photographs, taken on top of a flight, would tell the camera's readout time."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Photographs as a sensor wrote them: grey values, linear light, and what their EXIF says."""
 
-from __future__ import annotations
-
 import io
 import os
 from dataclasses import dataclass

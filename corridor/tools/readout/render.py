@@ -10,8 +10,6 @@ clockwise target. A target has its axis at the origin; lengths on it are metres.
 0 to 1, until `develop` turns it into the 8-bit values of a photograph.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from functools import lru_cache

@@ -1,7 +1,5 @@
 """A measured readout time, and the folder it is saved in."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Mapping
@@ -63,7 +61,7 @@ class Readout:
         if not (math.isfinite(self.sigma_ms) and self.sigma_ms < self.readout_ms):
             raise CannotMeasure("the readout time is less certain than it is long")
 
-    def beside_published(self, photo: Photograph) -> Readout:
+    def beside_published(self, photo: Photograph) -> "Readout":
         """The result with what others have published of the camera, as far as EXIF names it."""
         found, warning = compared(photo.make, photo.model, self.readout_ms)
         if not found:

@@ -15,8 +15,6 @@ pairs of points on one circle, with the centre given.
 Source: Zhou 2019, section 7.4.2.1.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from itertools import islice

@@ -4,8 +4,6 @@ All three are polar patterns: a direction on the target is seen, on the row y, t
 `rate (y - reference)`, and readout = rate (L - 1) / angular velocity.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ label) decides by how many spokes. A rolling shutter bends the spokes of every f
 does not matter, nor does a tilt: errors repeat with every turn.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from dataclasses import dataclass, replace

@@ -14,8 +14,6 @@ one spoke. Eq. 7.10 of Zhou 2019 is the case of a single spoke through the axis.
 Source: Zhou 2019, section 7.4.2.2.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 

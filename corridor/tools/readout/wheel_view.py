@@ -5,8 +5,6 @@ the plane of the rim, z along the axis away from the camera. A circle seen as an
 tilts that explain it; both are tried.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

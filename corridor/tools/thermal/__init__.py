@@ -22,7 +22,3 @@ from corridor.tools.thermal.series import read_picture
 from corridor.tools.thermal.temperature import degrees, optics, smoothed
 
 __all__ = offered(globals())
-
-
-def __dir__():
-    return __all__

@@ -6,8 +6,6 @@ A rotation of the camera is taken up by the poses; what is left of a difference 
 Source: Zhou 2019, eq. 6.4 (there an integral; here the mean over a grid of the whole picture).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -77,9 +75,8 @@ def compare_cameras(first: Camera, second: Camera, columns: int = 65) -> CameraD
     """
     if (first.width, first.height) != (second.width, second.height):
         raise InputError(
-            f"camera {first.name} has pictures of {first.width} x {first.height} px, "
-            f"{second.name} of {second.width} x {second.height}: only cameras of one size can be "
-            "compared"
+            f"camera {first.name} has pictures of {first.width} x {first.height} px, {second.name} "
+            f"of {second.width} x {second.height}: only cameras of one size can be compared"
         )
     pixels = _grid(first, columns)
     rays = undistort(pixels, first.interior)

@@ -1,7 +1,5 @@
 """A block's image points as they would be at the temperature of the calibration, and back."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

@@ -5,8 +5,6 @@ pixels of a picture share its errors (its temperature, its reference), so that c
 pixels always ask for more terms.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -14,8 +14,6 @@ Source: Baker and Matthews 2004, "Lucas-Kanade 20 years on" (inverse composition
 computations"; Sutton, Orteu and Schreier 2009 (presmoothing).
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import cv2

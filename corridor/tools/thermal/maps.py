@@ -1,7 +1,5 @@
 """Deformation maps of a series: measured picture by picture, kept meanwhile, saved whole."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
@@ -64,7 +62,7 @@ class Maps:
     valid: np.ndarray
     warnings: tuple[str, ...] = ()
 
-    def select(self, rows) -> Maps:
+    def select(self, rows) -> "Maps":
         """The maps of some pictures: row numbers or a mask (P,)."""
         values = {
             name: getattr(self, name)[rows] if shape[:1] == "P" else getattr(self, name)
@@ -197,7 +195,7 @@ def forget(keep: str | os.PathLike) -> None:
         shutil.rmtree(keep, ignore_errors=True)
 
 
-def _measured(series: Series, kept: _Kept | None, say) -> Maps:
+def _measured(series: Series, kept: "_Kept | None", say) -> Maps:
     matcher, notes = _reference(series)
     height, width = matcher.reference.shape
     count, nodes = len(series.picture), len(matcher.nodes)

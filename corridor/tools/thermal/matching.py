@@ -1,7 +1,5 @@
 """Where the nodes of a reference lie in a picture, how well that is known, whether it counts."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -8,8 +8,6 @@ is zero at t0, the temperature of the reference.
 Source: Zhou 2019, eq. 6.2 and 6.3; printed with i, j from 1, which can hold no shift and no scale.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

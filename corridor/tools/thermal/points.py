@@ -1,7 +1,5 @@
 """A thermal model applied to a table of points."""
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
 

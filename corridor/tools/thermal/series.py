@@ -1,7 +1,5 @@
 """A series of pictures of a static camera: FOLDER/series.csv and the pictures it names."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 from dataclasses import dataclass
@@ -88,10 +86,7 @@ def read_series(folder: str | os.PathLike) -> Series:
 
     remedy = "write 1 for a picture of the reference, 0 for any other"
     checks = (
-        (
-            [not name for name in names],
-            lambda row: f"no picture is named: name a file of {folder}",
-        ),
+        ([not name for name in names], lambda row: f"no picture is named: name a file of {folder}"),
         (
             [names.index(name) != row for row, name in enumerate(names)],
             lambda row: f"picture {names[row]} is there twice: leave one row out",
@@ -109,10 +104,7 @@ def read_series(folder: str | os.PathLike) -> Series:
             ),
         ),
         (np.isnan(reference), lambda row: f"reference is empty: {remedy}"),
-        (
-            ~np.isin(reference, (0.0, 1.0)),
-            lambda row: f"reference = {reference[row]:g}: {remedy}",
-        ),
+        (~np.isin(reference, (0.0, 1.0)), lambda row: f"reference = {reference[row]:g}: {remedy}"),
     )
     for wrong, said in checks:
         if np.any(wrong):

@@ -3,8 +3,6 @@
 Source: Zhou 2019, eq. 6.2 (similarity) and 6.3 (polynomial); Fraser 1997 (radial, decentring).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 

@@ -4,8 +4,6 @@ With weights 1 / sigma^2 and the monomials of the picture, each picture gives on
 matrix, and every model, lag and left-out block is a solution of those.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ follow the thermometer through a first-order lag:
     lag dT/dt = thermometer - T
 """
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

@@ -7,8 +7,6 @@ is wrong. Errors of a picture's nodes are alike: pictures count, not nodes.
 Source: Cook and Weisberg 1982, section 2.2 (the F test of one observation's shift).
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import combinations
 

@@ -1,7 +1,5 @@
 """Rays between images and points, and what is known of both."""
 
-from __future__ import annotations
-
 import copy
 from collections.abc import Callable
 
@@ -112,7 +110,7 @@ class Network:
         plain = interior[row[lost]]
         self.ray[lost] = (self.measured[lost] - plain[:, 1:3]) / plain[:, :1]
 
-    def submodel(self, members: np.ndarray) -> Network:
+    def submodel(self, members: np.ndarray) -> "Network":
         """The same network seen from some images only, with nothing known of it yet."""
         submodel = copy.copy(self)
         rows = members[self.image]

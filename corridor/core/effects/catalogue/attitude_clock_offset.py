@@ -16,9 +16,7 @@ class AttitudeClockOffset(LinearEffect):
     needs = ("attitudes.image", "images.wx", "images.wy", "images.wz")
     revealed_by = "images that turn while they are taken, both ways, with their angular rates"
     unobservable_when = "the camera hardly turns, or only at one rate: the boresight does the same"
-
-    def parameters(self, block):
-        return [Parameter("offset", "s", scale=0.050)]
+    unknowns = [Parameter("offset", "s", scale=0.050)]
 
     def derivative(self, context):
         """The measured attitude is w offset behind that of a camera that turns at its rate w."""

@@ -24,15 +24,13 @@ class Boresight(LinearEffect):
         "all images stand alike: a turn of the whole block does the same; nadir images of one "
         "height leave x and y to the principal point"
     )
+    # Frames of mounts are parallel to some degrees; rad about the camera's axes.
+    unknowns = [Parameter(axis, "rad", scale=0.02) for axis in ("x", "y", "z")]
 
     def believed(self, block):
         """Wherever there are attitudes, unless they are of a frame that was calibrated."""
         stated = block.extra.get("attitudes", {})
         return len(block.attitudes) > 0 and not stated.get("calibrated", False)
-
-    def parameters(self, block):
-        # Frames of mounts are parallel to some degrees; rad about the camera's axes.
-        return [Parameter(axis, "rad", scale=0.02) for axis in ("x", "y", "z")]
 
     def doubts(self, block, found):
         """A boresight of tens of degrees: another frame was stated than the one that is given."""

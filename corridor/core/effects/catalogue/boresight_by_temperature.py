@@ -16,10 +16,8 @@ class BoresightByTemperature(LinearEffect):
     needs = ("attitudes.image", "images.temperature_c")
     revealed_by = "temperatures that go up and down while attitudes are measured"
     unobservable_when = "the temperature only rises: a drift with time does the same"
-
-    def parameters(self, block):
-        # Half a degree over the 20 degrees of a flight; rad/C about the camera's axes.
-        return [Parameter(axis, "rad/C", scale=np.radians(0.5) / 20) for axis in "xyz"]
+    # Half a degree over the 20 degrees of a flight; rad/C about the camera's axes.
+    unknowns = [Parameter(axis, "rad/C", scale=np.radians(0.5) / 20) for axis in "xyz"]
 
     def derivative(self, context):
         """A turn about the camera's axes with the temperature T from the block's middle: r T."""

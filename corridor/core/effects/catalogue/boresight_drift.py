@@ -17,10 +17,8 @@ class BoresightDrift(LinearEffect):
     needs = ("attitudes.image", "images.time_s")
     revealed_by = "attitudes of a long flight, strips both ways, with control or GNSS"
     unobservable_when = "the flight is short: the turn stays below the noise of the attitudes"
-
-    def parameters(self, block):
-        # A degree in the twenty minutes of a battery; rad/s about the camera's axes.
-        return [Parameter(axis, "rad/s", scale=np.radians(1.0) / 1200) for axis in "xyz"]
+    # A degree in the twenty minutes of a battery; rad/s about the camera's axes.
+    unknowns = [Parameter(axis, "rad/s", scale=np.radians(1.0) / 1200) for axis in "xyz"]
 
     def derivative(self, context):
         """A turn about the camera's axes that grows with the time t from the middle: r t."""

@@ -65,9 +65,8 @@ class ClockOffset(LinearEffect):
         delay, sigma = late
         return [
             f"The GNSS positions are {1000 * abs(delay):.0f} +- {1000 * sigma:.0f} ms "
-            f"{'ahead of' if delay > 0 else 'behind'} the images along the flight: "
-            f"--effect {self.slug} estimates it; leaving positions out (--reject-gnss) does not "
-            "help."
+            f"{'ahead of' if delay > 0 else 'behind'} the images along the flight: --effect "
+            f"{self.slug} estimates it; leaving positions out (--reject-gnss) does not help."
         ]
 
     def derivative(self, context):

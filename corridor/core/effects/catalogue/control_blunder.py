@@ -42,14 +42,12 @@ class ControlBlunder(LinearEffect):
         "neither GNSS nor enough other control points determine the block without it"
     )
     variants = (_OF_THE_BLOCK,)
+    unknowns = [Parameter(axis, "m", scale=0.05) for axis in ("x", "y", "z")]
 
     def form(self, block):
         """A datum for each group of points that were surveyed together, where there are several."""
         several = len(set(block.ground_groups)) > 1
         return self.per("survey") if self.group == "block" and several else self
-
-    def parameters(self, block):
-        return [Parameter(axis, "m", scale=0.05) for axis in ("x", "y", "z")]
 
     def doubts(self, block, found):
         """Blunders of single points that are one and the same are none of single points."""

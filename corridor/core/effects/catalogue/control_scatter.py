@@ -21,10 +21,8 @@ class ControlScatter(LinearEffect):
     remedy = (
         "state how accurate the control is: sx, sy, sz of ground.csv, or control_m in block.toml"
     )
-
-    def parameters(self, block):
-        # An RTK rover is good to 1 to 3 cm; what is worse than that is stated as worse.
-        return [Parameter(axis, "m", scale=0.03) for axis in "xyz"]
+    # An RTK rover is good to 1 to 3 cm; what is worse than that is stated as worse.
+    unknowns = [Parameter(axis, "m", scale=0.03) for axis in "xyz"]
 
     def derivative(self, context):
         """The given coordinates move by the values themselves."""

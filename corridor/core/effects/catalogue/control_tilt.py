@@ -21,12 +21,10 @@ class ControlTilt(LinearEffect):
     needs = ("ground.x", "ground.y", "ground.z")
     revealed_by = "GNSS along the corridor, and control at more than its ends"
     unobservable_when = "there is no GNSS: the whole block leans with its control"
-
-    def parameters(self, block):
-        return [
-            Parameter("east", "1", scale=2e-4, text="metres up a metre to the east", most=1e-3),
-            Parameter("north", "1", scale=2e-4, text="metres up a metre to the north", most=1e-3),
-        ]
+    unknowns = [
+        Parameter("east", "1", scale=2e-4, text="metres up a metre to the east", most=1e-3),
+        Parameter("north", "1", scale=2e-4, text="metres up a metre to the north", most=1e-3),
+    ]
 
     def derivative(self, context):
         """Given heights rise by east (x - M_x) + north (y - M_y), M the middle of the images."""

@@ -23,9 +23,7 @@ class EarthCurvature(LinearEffect):
         "the corridor is short: 28 mm at 600 m from the middle, 0.2 mm at 50 m; or the GNSS "
         "heights follow the earth as well"
     )
-
-    def parameters(self, block):
-        return [Parameter("fraction", "1", 1.0, text="1: nobody has allowed for it", most=4.0)]
+    unknowns = [Parameter("fraction", "1", 1.0, text="1: nobody has allowed for it", most=4.0)]
 
     def derivative(self, context):
         """Given heights rise by fraction d^2 / 2R, d the distance in plan from the middle."""

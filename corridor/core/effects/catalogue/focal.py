@@ -50,10 +50,7 @@ class Focal(LinearEffect):
     unobservable_when = (
         "all images look straight down from one height and GNSS or control is absent"
     )
-    variants = (
-        _PER_FLIGHT,
-        _PER_IMAGE,
-    )
+    variants = (_PER_FLIGHT, _PER_IMAGE)
 
     def parameters(self, block):
         if self.group == "image":

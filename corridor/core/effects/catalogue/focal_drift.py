@@ -18,13 +18,11 @@ class FocalDrift(LinearEffect):
     needs = ("images.time_s",)
     revealed_by = "flights of many minutes with GNSS or control, oblique images or two heights"
     unobservable_when = "nadir images whose GNSS may drift in height: scale and height go together"
-
-    def parameters(self, block):
-        # 2 px in 10 minutes; the bend is as large over a flight of 20 minutes.
-        return [
-            Parameter("rate", "px/s", scale=2.0 / 600.0, text="in the middle of the block"),
-            Parameter("bend", "px/s^2", scale=2.0 / 600.0**2, text="half the change of the rate"),
-        ]
+    # 2 px in 10 minutes; the bend is as large over a flight of 20 minutes.
+    unknowns = [
+        Parameter("rate", "px/s", scale=2.0 / 600.0, text="in the middle of the block"),
+        Parameter("bend", "px/s^2", scale=2.0 / 600.0**2, text="half the change of the rate"),
+    ]
 
     def derivative(self, context):
         """f moves by rate t + bend t^2, t in seconds from the middle of the block."""

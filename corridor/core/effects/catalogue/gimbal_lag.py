@@ -22,9 +22,7 @@ class GimbalLag(LinearEffect):
     unobservable_when = (
         "the camera hardly turns; lags that are equal are an offset between the clocks"
     )
-
-    def parameters(self, block):
-        return [Parameter(axis, "s", scale=0.050) for axis in ("x", "y", "z")]
+    unknowns = [Parameter(axis, "s", scale=0.050) for axis in ("x", "y", "z")]
 
     def derivative(self, context):
         """About its axis i the attitude is w_i lag_i behind a camera that turns at its rate w."""

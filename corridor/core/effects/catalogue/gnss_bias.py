@@ -22,9 +22,7 @@ class GnssBias(LinearEffect):
         "there is no control (a common shift of the control looks the same), or one heading and "
         "free lever arms"
     )
-
-    def parameters(self, block):
-        return [Parameter(axis, "m", scale=0.05) for axis in ("x", "y", "z")]
+    unknowns = [Parameter(axis, "m", scale=0.05) for axis in ("x", "y", "z")]
 
     def derivative(self, context):
         """The predicted antenna moves by the bias itself."""

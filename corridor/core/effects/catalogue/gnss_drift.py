@@ -20,10 +20,8 @@ class GnssDrift(LinearEffect):
         "one strip without control: it is a turn or a stretch of the strip; its z looks like a "
         "focal drift without oblique images"
     )
-
-    def parameters(self, block):
-        # 0.1 m in 10 minutes.
-        return [Parameter(axis, "m/s", scale=0.1 / 600.0) for axis in ("x", "y", "z")]
+    # 0.1 m in 10 minutes.
+    unknowns = [Parameter(axis, "m/s", scale=0.1 / 600.0) for axis in ("x", "y", "z")]
 
     def derivative(self, context):
         """The measured antenna moves by rate t, t in seconds from the middle of the block."""

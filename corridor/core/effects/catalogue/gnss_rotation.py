@@ -19,9 +19,7 @@ class GnssRotation(LinearEffect):
     needs = ("gnss.x", "gnss.y", "gnss.z")
     revealed_by = "ground control along the corridor"
     unobservable_when = "no control: the whole block turns with its GNSS"
-
-    def parameters(self, block):
-        return [Parameter("z", "rad", scale=3e-4, text="anticlockwise from above", most=0.06)]
+    unknowns = [Parameter("z", "rad", scale=3e-4, text="anticlockwise from above", most=0.06)]
 
     def derivative(self, context):
         """The measured antenna moves by z x (C - M), M the middle of the stated centres."""

@@ -19,13 +19,11 @@ class ImageDeformation(AlongAxes):
     generic = True
     revealed_by = "many tie points in all parts of the picture, seen in several images each"
     unobservable_when = "parts of the picture have no points, or points have few rays"
-
-    def parameters(self, block):
-        return [
-            Parameter(f"{axis}_{k}", "px", scale=0.5)
-            for axis in "xy"
-            for k in range(1, COLUMNS * ROWS - 2)
-        ]
+    unknowns = [
+        Parameter(f"{axis}_{k}", "px", scale=0.5)
+        for axis in "xy"
+        for k in range(1, COLUMNS * ROWS - 2)
+    ]
 
     def terms(self, context):
         """dx = sum x_k surface_k(x, y), dy alike; x, y from -1 to 1 over the picture."""

@@ -18,14 +18,12 @@ class ImageDeformationOverTime(AlongAxes):
     generic = True
     revealed_by = "the same ground in images that are minutes apart"
     unobservable_when = "the flight is short, or no ground is seen twice"
-
-    def parameters(self, block):
-        # 0.5 px in 10 minutes.
-        return [
-            Parameter(f"{axis}_{k}", "px/s", scale=0.5 / 600.0)
-            for axis in "xy"
-            for k in range(1, COLUMNS * ROWS - 2)
-        ]
+    # 0.5 px in 10 minutes.
+    unknowns = [
+        Parameter(f"{axis}_{k}", "px/s", scale=0.5 / 600.0)
+        for axis in "xy"
+        for k in range(1, COLUMNS * ROWS - 2)
+    ]
 
     def terms(self, context):
         """dx = t sum x_k surface_k(x, y), dy alike; t in seconds from the middle of the block."""

@@ -34,10 +34,8 @@ class LeverArm(LinearEffect):
         "at one speed: the arm is a clock offset; nadir images leave z to the focal length"
     )
     variants = (_PER_FLIGHT,)
-
-    def parameters(self, block):
-        # An arm left out altogether: antennas sit within half a metre of the lens of a drone.
-        return [Parameter(axis, "m", scale=0.05, most=0.5) for axis in ("x", "y", "z")]
+    # An arm left out altogether: antennas sit within half a metre of the lens of a drone.
+    unknowns = [Parameter(axis, "m", scale=0.05, most=0.5) for axis in ("x", "y", "z")]
 
     def derivative(self, context):
         """The antenna moves by R' a; its derivative is R'."""

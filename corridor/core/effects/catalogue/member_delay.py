@@ -23,9 +23,7 @@ class MemberDelay(LinearEffect):
         "one speed in the frame of the head, whose mounting is free: a shift along the flight does "
         "the same"
     )
-
-    def parameters(self, block):
-        return [Parameter("delay", "s", scale=0.010)]
+    unknowns = [Parameter("delay", "s", scale=0.010)]
 
     def derivative(self, context):
         """The centre has gone v t further and the camera has turned by w t."""

@@ -25,12 +25,10 @@ class MotionPerImage(LinearEffect):
         "the ground is flat or the flight is a corridor: each image's pose and the camera do what "
         "its motion does"
     )
-
-    def parameters(self, block):
-        # 5 m/s and 0.3 degrees a second for 30 ms.
-        turn = np.radians(0.3) * 0.030
-        centre = [Parameter(axis, "m", scale=0.15) for axis in ("x", "y", "z")]
-        return centre + [Parameter(f"turn_{axis}", "rad", scale=turn) for axis in "xyz"]
+    # 5 m/s and 0.3 degrees a second for 30 ms.
+    unknowns = [Parameter(axis, "m", scale=0.15) for axis in "xyz"] + [
+        Parameter(f"turn_{axis}", "rad", scale=np.radians(0.3) * 0.030) for axis in "xyz"
+    ]
 
     def derivative(self, context):
         """Centre (world) and rotation (camera frame) by values s; the row s from -1/2 to 1/2."""

@@ -34,18 +34,17 @@ class Mounting(LinearEffect):
         "members see nothing that another one sees; the shift along the axis is the focal length "
         "over flat ground"
     )
+    # What a drawing of the head and a plumb line leave.
+    unknowns = [Parameter(axis, "m", scale=0.02) for axis in "xyz"] + [
+        Parameter(f"turn_{axis}", "rad", scale=0.01) for axis in "xyz"
+    ]
 
     def believed(self, block):
         """Wherever cameras hang together, unless every mounting is known exactly."""
         return block.has("rig.member") and any(m.sigma.any() for m in mountings_of(block).values())
 
-    def parameters(self, block):
-        # What a drawing of the head and a plumb line leave.
-        shift = [Parameter(axis, "m", scale=0.02) for axis in "xyz"]
-        return shift + [Parameter(f"turn_{axis}", "rad", scale=0.01) for axis in "xyz"]
-
     def priors(self, block):
-        names = [parameter.name for parameter in self.parameters(block)]
+        names = [parameter.name for parameter in self.unknowns]
         mountings = mountings_of(block)
         return {
             (name, camera): (0.0, max(float(sigma), _EXACT))

@@ -19,10 +19,8 @@ class MountingByTemperature(LinearEffect):
     row_degree = 0
     revealed_by = "exposures at several temperatures, tie points that members share"
     unobservable_when = "members see nothing that another one sees, or the temperature is the same"
-
-    def parameters(self, block):
-        # Half a millimetre on a head of 0.2 m bends by 0.1 degrees over 20 degrees.
-        return [Parameter(f"turn_{axis}", "rad/C", scale=1e-4) for axis in "xyz"]
+    # Half a millimetre on a head of 0.2 m bends by 0.1 degrees over 20 degrees.
+    unknowns = [Parameter(f"turn_{axis}", "rad/C", scale=1e-4) for axis in "xyz"]
 
     def derivative(self, context):
         """The member turns about its axes with the temperature T from the block's middle: r T."""

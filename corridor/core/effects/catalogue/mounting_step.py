@@ -21,9 +21,7 @@ class MountingStep(LinearEffect):
     row_degree = 0
     revealed_by = "tie points that members share, before and after"
     unobservable_when = "members see nothing that another one sees"
-
-    def parameters(self, block):
-        return [Parameter(f"turn_{axis}", "rad", scale=0.002) for axis in "xyz"]
+    unknowns = [Parameter(f"turn_{axis}", "rad", scale=0.002) for axis in "xyz"]
 
     def derivative(self, context):
         """After the pause the member is turned about its axes by w, before it by -w."""

@@ -16,9 +16,7 @@ class PrincipalPointDrift(LinearEffect):
     needs = ("images.time_s",)
     revealed_by = "the same ground minutes apart and from both directions, with GNSS or control"
     unobservable_when = "one heading and a GNSS that may drift: all points of an image move alike"
-
-    def parameters(self, block):
-        return [Parameter(name, "px/s", scale=2.0 / 600.0) for name in ("x_rate", "y_rate")]
+    unknowns = [Parameter(name, "px/s", scale=2.0 / 600.0) for name in ("x_rate", "y_rate")]
 
     def derivative(self, context):
         """cx, cy move by rate t, t in seconds from the middle of the block."""

@@ -18,9 +18,7 @@ class PrincipalPointPerFlight(LinearEffect):
     unobservable_when = (
         "all images of a flight have one heading and its lever arm is free: they move alike"
     )
-
-    def parameters(self, block):
-        return [Parameter(name, "px", scale=5.0) for name in ("cx", "cy")]
+    unknowns = [Parameter(name, "px", scale=5.0) for name in ("cx", "cy")]
 
     def derivative(self, context):
         """cx, cy move by the values themselves."""

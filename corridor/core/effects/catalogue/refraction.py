@@ -25,9 +25,7 @@ class Refraction(LinearEffect):
     unobservable_when = (
         "the drone flies below a few hundred metres; a focal length takes most of it"
     )
-
-    def parameters(self, block):
-        return [Parameter("fraction", "1", 1.0, text="1: nobody has allowed for it", most=4.0)]
+    unknowns = [Parameter("fraction", "1", 1.0, text="1: nobody has allowed for it", most=4.0)]
 
     def derivative(self, context):
         """f times the change of the ray that leans away from the nadir by fraction delta.

@@ -49,10 +49,9 @@ class RollingShutter(LinearEffect):
         "free: affine distortion or focal length take it"
     )
     variants = (_PER_FLIGHT,)
-
-    def parameters(self, block):
-        text = "from the first to the last row"
-        return [Parameter("readout", "s", scale=0.030, text=text, most=LONGEST_S)]
+    unknowns = [
+        Parameter("readout", "s", 0.030, text="from the first to the last row", most=LONGEST_S)
+    ]
 
     def stated(self, block):
         """The readout_s of the cameras in block.toml."""

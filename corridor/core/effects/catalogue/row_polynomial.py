@@ -18,10 +18,10 @@ class RowPolynomial(LinearEffect):
     by_row = True
     revealed_by = "many tie points in every image, over all of its rows"
     unobservable_when = "an image has few points, or points in few rows"
-
-    def parameters(self, block):
-        names = ("x_linear", "y_linear", "x_quadratic", "y_quadratic")
-        return [Parameter(name, "px", scale=0.5) for name in names]
+    unknowns = [
+        Parameter(name, "px", scale=0.5)
+        for name in ("x_linear", "y_linear", "x_quadratic", "y_quadratic")
+    ]
 
     def derivative(self, context):
         """dx = x_linear s + x_quadratic s^2, dy alike; s from -1 (read first) to 1 (read last)."""

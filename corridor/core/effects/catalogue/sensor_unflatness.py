@@ -25,9 +25,7 @@ class SensorUnflatness(AlongAxes):
         "few rays a point, or points in a part of the picture only; terms of degree 2 are nearly "
         "tilts where neither GNSS nor control holds the poses"
     )
-
-    def parameters(self, block):
-        return [Parameter(f"{axis}_{i}{j}", "px", scale=0.5) for axis in "xy" for i, j in _TERMS]
+    unknowns = [Parameter(f"{axis}_{i}{j}", "px", scale=0.5) for axis in "xy" for i, j in _TERMS]
 
     def terms(self, context):
         """dx = sum x_ij P_i(x) P_j(y), dy alike; x, y from -1 to 1 over the picture."""

@@ -23,15 +23,12 @@ class Thermal(LinearEffect):
         "the temperature hardly changes, or changes as time does and a drift of the camera is "
         "modelled; the shift hides in poses unless GNSS or control holds them"
     )
-
-    def parameters(self, block):
-        texts = {
-            "scale": "growth at the end of the long side",
-            "cubic": "growth there with the cube of the distance",
-            "x": "shift of the whole picture",
-            "y": "shift of the whole picture",
-        }
-        return [Parameter(name, "px/C", scale=0.1, text=text) for name, text in texts.items()]
+    unknowns = [
+        Parameter("scale", "px/C", 0.1, text="growth at the end of the long side"),
+        Parameter("cubic", "px/C", 0.1, text="growth there with the cube of the distance"),
+        Parameter("x", "px/C", 0.1, text="shift of the whole picture"),
+        Parameter("y", "px/C", 0.1, text="shift of the whole picture"),
+    ]
 
     def derivative(self, context):
         """dT (scale p + cubic r^2 p + (x, y)), p from the picture's middle, 1 at its edge.

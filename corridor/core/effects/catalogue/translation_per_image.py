@@ -17,10 +17,8 @@ class TranslationPerImage(MotionPerImage):
     slug = "translation_per_image"
     title = "Motion of each image during its readout: translation, 3 parameters an image"
     called = "a motion of the camera while the rows are read, another in each image"
-
-    def parameters(self, block):
-        # 5 m/s for 30 ms.
-        return [Parameter(axis, "m", scale=0.15) for axis in ("x", "y", "z")]
+    # 5 m/s for 30 ms.
+    unknowns = [Parameter(axis, "m", scale=0.15) for axis in ("x", "y", "z")]
 
     def derivative(self, context):
         """Centre by values s, world axes, with the row s from -1/2 to 1/2."""

@@ -40,11 +40,13 @@ class WaterRefraction(Effect):
         "points lie above the water, or are seen from nearly straight above: there the bed is "
         "raised by a quarter of its depth and every ray meets in it"
     )
-
-    def parameters(self, block):
-        text = "share of the depth by which the bed seems too high straight below, 1 - 1/n"
-        # Glass raises by a third; what bends more is no water.
-        return [Parameter("raised", "1", 0.25, text=text, most=1.0 / 3.0)]
+    # Glass raises by a third; what bends more is no water.
+    unknowns = [
+        Parameter(
+            "raised", "1", 0.25, most=1.0 / 3.0,
+            text="share of the depth by which the bed seems too high straight below, 1 - 1/n",
+        )
+    ]  # fmt: skip
 
     def stated(self, block):
         return {"raised": 1.0 - 1.0 / block.constants.get(self.slug, {}).get("index", WATER)}

@@ -4,8 +4,6 @@ Numba would find such vectors in straight-line code only after a long search, an
 compiled functions a panel is added, multiplied and divided like a number, also with a number.
 """
 
-from __future__ import annotations
-
 import operator
 
 from llvmlite import ir

@@ -90,9 +90,8 @@ def read(path: Path) -> Exposures:
     for flag, many in table["flag"].value_counts().sort_index().items():
         if flag not in (0, _FIXED):
             notes.append(
-                f"{path.name}: the on-board position of {many} of {len(table)} marks is not an "
-                "RTK fix: "
-                f"flag {flag}, {status(flag)}; take positions from a processed track"
+                f"{path.name}: the on-board position of {many} of {len(table)} marks is not an RTK "
+                f"fix: flag {flag}, {status(flag)}; take positions from a processed track"
             )
     order = ["number", "time_s", "x", "y", "z", "sx", "sy", "sz", "flag"]
     order += ["offset_e", "offset_n", "offset_u"]

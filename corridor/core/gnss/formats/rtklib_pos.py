@@ -77,7 +77,8 @@ def read(path: Path) -> Track:
         raise InputError(f"{path.name}, row {lines.index(header) + 1}: {error}") from None
     separator = found["between"].strip()
     day, table, at, notes = _epochs(lines, header, separator, path)
-    if _is_backward(lines) and len(table) > 1 and (np.diff(table["time_s"]) <= 0).all():
+    backward = any(re.match(r"%\s*solution\s*:\s*backward", line, re.I) for line in lines)
+    if backward and len(table) > 1 and (np.diff(table["time_s"]) <= 0).all():
         table, at = table[::-1].reset_index(drop=True), at[::-1]
         notes.append(f"{path.name} is a backward solution: its rows were put in order of time")
     crs: str | None = GEOGRAPHIC
@@ -188,18 +189,13 @@ def _stamp(rows: TextRows, k: int) -> tuple[str, float]:
             return gps_day(week, seconds)
     if re.fullmatch(r"\d{1,2}:\d{2}:\d{2},\d*", second):
         raise rows.wrong(
-            k,
-            f"the time {second!r} has a decimal comma; write numbers with a decimal point",
+            k, f"the time {second!r} has a decimal comma; write numbers with a decimal point"
         )
     raise rows.wrong(
         k,
         f"{first} {second} is not a time, as 2024/06/24 08:20:00.000 or 2320 116400.000; correct "
         "or delete the row",
     )
-
-
-def _is_backward(lines: list[str]) -> bool:
-    return any(re.match(r"%\s*solution\s*:\s*backward", line, re.I) for line in lines)
 
 
 def _reference(lines: list[str], path: Path) -> tuple[float, float, float] | None:

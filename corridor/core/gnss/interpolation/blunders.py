@@ -16,8 +16,6 @@ several epochs in succession, or makes a corner. Where one
 movement is larger than every other of a flight, without being false, that is worth a sentence.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -152,7 +152,7 @@ def interpolate(
         at = np.concatenate([times[chosen], dense])
         if method == "smoother":
             return dense, *_smoothed(
-                _cut(epochs, part), at, len(at) - len(dense), interpolation.slow_share
+                epochs.at(part), at, len(at) - len(dense), interpolation.slow_share
             )
         return dense, _curve(method, epochs, part, at), None, None
 
@@ -313,10 +313,6 @@ def _stated(track, names, relative):
     return filled, int((~good).any(axis=1).sum())
 
 
-def _cut(epochs: regimes.Epochs, part: slice) -> regimes.Epochs:
-    return epochs.at(part)
-
-
 def _pieces_of(times, pieces, flight):
     """Piece of each time (-1: none), and why there is none."""
     piece = np.full(len(times), -1)
@@ -458,8 +454,7 @@ def _of_noise(found, stated, slow_share):
             )
         if slow_share is None and row.slow >= 0.5:
             notes.append(
-                f"{where}: {100 * row.slow:.0f} % of the stated variance is taken as correlated "
-                "in time: "
-                "neighbouring epochs share it, and more epochs do not make it smaller"
+                f"{where}: {100 * row.slow:.0f} % of the stated variance is taken as correlated in "
+                "time: neighbouring epochs share it, and more epochs do not make it smaller"
             )
     return notes

@@ -205,7 +205,9 @@ def fit(epochs: Epochs, share: float | None) -> Model:
     interval = float(np.median(np.diff(epochs.time)))
     search = _Search(epochs, share)
     found = search.run()
-    if epochs.stated and interval < SLOW_S and _unlike(found):
+    # Plan and height scatter by factors that differ by more than a step of their grid.
+    step = np.log2(_INFLATED[1]) * 1.01
+    if epochs.stated and interval < SLOW_S and abs(np.log2(found[0].scale / found[1].scale)) > step:
         # A receiver is wrong about all axes alike; at this rate it is the drone that is shaken.
         found = search.run(scaled=False)
     axes = tuple(found[group] for group, (_, of) in enumerate(GROUPS) for _ in of)
@@ -218,11 +220,6 @@ def fit(epochs: Epochs, share: float | None) -> Model:
     gusts = np.outer(flying, [noise.gust for noise in axes])
     unresolved = _unresolved(epochs, axes, interval)
     return Model(axes, gusts, jerks, unresolved=unresolved, interval_s=interval)
-
-
-def _unlike(axes: list[Axis]) -> bool:
-    """Whether plan and height scatter by factors that differ by more than a step of their grid."""
-    return abs(np.log2(axes[0].scale / axes[1].scale)) > np.log2(_INFLATED[1]) * 1.01
 
 
 def _unresolved(epochs: Epochs, axes: tuple, interval: float) -> np.ndarray:
@@ -263,13 +260,7 @@ def _one_way(epochs, axis, noise, levels, start, back):
     gusts = np.where(np.arange(len(levels)) > 0, noise.gust, 0.0)
     out = np.zeros((len(time), len(levels)))
     kernels.log_likelihoods(
-        at,
-        start,
-        matrices,
-        gusts,
-        levels * _OF_AXIS[axis],
-        before_the_flight(MOTION + slow),
-        out,
+        at, start, matrices, gusts, levels * _OF_AXIS[axis], before_the_flight(MOTION + slow), out
     )
     return out[::-1] if back else out
 

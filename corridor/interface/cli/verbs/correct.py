@@ -45,9 +45,8 @@ OPTIONS = {
         default="auto",
     ),
     "--turning": option(
-        "where angular rates come from, for effects that take them: wx, wy, wz of "
-        "images.csv if they are there (metadata, default), attitudes of the images before and "
-        "after",
+        "where angular rates come from, for effects that take them: wx, wy, wz of images.csv if "
+        "they are there (metadata, default), attitudes of the images before and after",
         choices=("metadata", "neighbours"),
         default="metadata",
     ),
@@ -65,11 +64,7 @@ def run(options: argparse.Namespace) -> None:
         return
     values = dict(options.effect)
     corrected = corridor.correct(
-        block,
-        values,
-        source=options.source,
-        velocity=options.velocity,
-        turning=options.turning,
+        block, values, source=options.source, velocity=options.velocity, turning=options.turning
     )
     for note in corrected.extra["corrected"].get("notes", ()):
         print(note)

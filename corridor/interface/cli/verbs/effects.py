@@ -36,11 +36,8 @@ def _short(effect):
     generic = ", generic" if effect.generic else ""
     shared = "the block" if effect.group == "block" else f"each {effect.group}"
     return (
-        f"{effect.slug}\n"
-        f"  {effect.title}\n"
-        f"  acts on    {effect.place}{generic}\n"
-        f"  estimates  {parameters} for {shared}\n"
-        f"  needs      {needs}"
+        f"{effect.slug}\n  {effect.title}\n  acts on    {effect.place}{generic}\n  estimates  "
+        f"{parameters} for {shared}\n  needs      {needs}"
     )
 
 

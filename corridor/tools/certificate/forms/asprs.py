@@ -15,8 +15,6 @@ not judged. Source: ASPRS 2023, section 7 and annexes B and C; spread of the poi
 (NSSDA), section 3.2.2: a fifth in each quarter, a tenth of the diagonal apart.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -82,7 +80,7 @@ class Errors:
         self.largest = [float(np.abs(column).max(initial=0.0)) for column in difference.T]
 
     @classmethod
-    def of(cls, points: CheckPoints) -> Errors:
+    def of(cls, points: CheckPoints) -> "Errors":
         """Of all points."""
         return cls(points.difference, points.survey)
 

@@ -8,8 +8,6 @@ Source of the figures: Luhmann et al., "Close-range photogrammetry and 3D imagin
 (bundle triangulation); Kraus 2007, section 5.3.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

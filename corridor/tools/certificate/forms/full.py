@@ -5,8 +5,6 @@ naught by kind with their tests, what could have hidden (Baarda 1968), control p
 wrong, and maps of the precision (James, Robson and Smith 2017).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from corridor.core.output import Table, fixed, short

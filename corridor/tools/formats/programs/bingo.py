@@ -23,8 +23,6 @@ Source: angles and frames, Kraus 2007; layout of the image coordinates as real
 Pix4D exports for BINGO have it. What a file means is proved by reprojection.
 """
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterator
 from fnmatch import fnmatchcase

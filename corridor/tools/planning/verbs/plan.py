@@ -168,7 +168,7 @@ def run(options: argparse.Namespace) -> None:
         options.goal,
         options.combined,
         options.change,
-        progress=_progress,
+        progress=lambda step: say(step) if step.of > 1 else None,
         jobs=options.jobs,
         cluster=options.cluster,
         camera=options.camera,
@@ -182,8 +182,3 @@ def run(options: argparse.Namespace) -> None:
     aside = ("run", "output", "jobs", "cluster")
     planned.settings = {key: value for key, value in vars(options).items() if key not in aside}
     wrote(*planned.save(options.output))
-
-
-def _progress(step):
-    if step.of > 1:
-        say(step)

@@ -36,10 +36,7 @@ _STEPS = {
     ),
     "fit": (
         "the thermal model from maps",
-        {
-            "maps": _MAPS | option("what `map` wrote"),
-            "--output": _FILE | {"metavar": "MODEL.json"},
-        },
+        {"maps": _MAPS | option("what `map` wrote"), "--output": _FILE | {"metavar": "MODEL.json"}},
         "out/maps.npz -o out/heat.json",
     ),
     "apply": (

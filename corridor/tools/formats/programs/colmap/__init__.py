@@ -26,9 +26,7 @@ from corridor.tools.formats.programs.colmap.cameras import (
     camera_of,
     params_of,
 )
-from corridor.tools.formats.programs.colmap.cameras import (
-    HOLDS as HOLDS,
-)
+from corridor.tools.formats.programs.colmap.cameras import HOLDS as HOLDS
 from corridor.tools.formats.programs.colmap.ground import read_ground, write_ground
 from corridor.tools.formats.project import (
     Contents,

@@ -7,8 +7,6 @@ may be empty. Comments promise the counts.
 Source: COLMAP documentation, format.rst, and src/colmap/scene/reconstruction_io_binary.cc.
 """
 
-from __future__ import annotations
-
 import io
 import re
 import struct
@@ -82,7 +80,7 @@ class BinaryFile:
         """The error that names file and record before the sentence."""
         return InputError(f"{self.path.name}, {self.place}: {sentence}")
 
-    def records(self, split: int = -1) -> Iterator[BinaryFile]:
+    def records(self, split: int = -1) -> "Iterator[BinaryFile]":
         """The file itself, at each of its records."""
         self.place = "its count"
         (count,) = self.take((("Q", "count"),))
@@ -173,7 +171,7 @@ class TextFile:
         """The error that names file and line before the sentence."""
         return self._line.wrong(sentence)
 
-    def records(self, split: int = -1) -> Iterator[TextFile]:
+    def records(self, split: int = -1) -> "Iterator[TextFile]":
         """The file itself, at each of its records. split: how many words before a name."""
         stated, count = None, 0
         for line in self._lines:
@@ -275,7 +273,7 @@ class BinaryWriter:
     def __init__(self, folder: Path, stem: str, count: int):
         self._path, self._count = folder / f"{stem}.bin", count
 
-    def __enter__(self) -> BinaryWriter:
+    def __enter__(self) -> "BinaryWriter":
         self._file = self._path.open("wb")
         self._file.write(struct.pack("<Q", self._count))
         return self
@@ -325,7 +323,7 @@ class TextWriter(BinaryWriter):
         self._path, self._count, self._stem = folder / f"{stem}.txt", count, stem
         self._words: list[str] = []
 
-    def __enter__(self) -> TextWriter:
+    def __enter__(self) -> "TextWriter":
         self._file = self._path.open("wb")
         self._file.write(f"# Number of {self._stem}: {self._count}\n".encode())
         return self

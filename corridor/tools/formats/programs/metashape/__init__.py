@@ -12,8 +12,6 @@ and location l in the master's frame, x_master = R x_slave + l.
 Source: Agisoft Metashape manual, appendix "Camera models"; the rest as found on real files.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -85,10 +83,6 @@ def _looks(path):
         return True
     head = opening(path)
     return path.suffix.lower() == ".xml" and "<document" in head and "<chunk" in head
-
-
-def _known_xml(path):
-    return _looks(path) or "<calibration>" in opening(path)
 
 
 @dataclass
@@ -266,8 +260,11 @@ def _together(path, notes, warnings):
     if not files:
         raise InputError(f"{path} holds no Metashape XML; name the exported file")
     if path.is_dir():
-        strange = [f.name for f in _ending(path, ".xml") if not _known_xml(f)]
-        warnings += [f"{name} is not a Metashape XML that corridor can read" for name in strange]
+        warnings += [
+            f"{file.name} is not a Metashape XML that corridor can read"
+            for file in _ending(path, ".xml")
+            if not _looks(file) and "<calibration>" not in opening(file)
+        ]
     parts = [chunk_of(Xml.read(file), notes) for file in files]
     parts.sort(key=lambda part: -len(part.all(".//camera/transform") + part.all(".//location")))
     chunk = _Chunk()

@@ -8,8 +8,6 @@ picture are binary PLY.
 Source: as found on real projects of PhotoScan 1.2 to Metashape 2.3.
 """
 
-from __future__ import annotations
-
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -36,7 +34,7 @@ class Archive:
     def __init__(self, path: Path):
         self._path, self._at = path, path
 
-    def __enter__(self) -> Archive:
+    def __enter__(self) -> "Archive":
         return self
 
     def __exit__(self, kind, error, trace) -> None:

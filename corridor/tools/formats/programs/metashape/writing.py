@@ -1,7 +1,5 @@
 """A block as Metashape's XML: cameras.xml, markers.xml, calibration_N.xml."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.etree import ElementTree
 

@@ -10,8 +10,6 @@ Source: MicMac documentation (DocMicMac, appendix "Formats"), and the pairs unde
 orientation files themselves carry.
 """
 
-from __future__ import annotations
-
 import io
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -272,7 +270,7 @@ class _Distortion:
     extra: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
 
     @classmethod
-    def of(cls, distortions: list[Xml], point: np.ndarray) -> _Distortion:
+    def of(cls, distortions: list[Xml], point: np.ndarray) -> "_Distortion":
         """That of the elements of a calibration. Raises NoModel."""
         if len(distortions) > 1:
             name = distortions[0].path.name

@@ -1,7 +1,5 @@
 """A block as MicMac's files: orientations, calibrations, ground points, marks, tie points."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -10,11 +8,7 @@ import numpy as np
 from corridor.core.block import Block
 from corridor.core.errors import InputError
 from corridor.core.textfile import add_xml, write_xml
-from corridor.tools.formats.columns import (
-    grouped,
-    in_rows,
-    text_of_rows,
-)
+from corridor.tools.formats.columns import grouped, in_rows, text_of_rows
 from corridor.tools.formats.rows import camera_positions, rows_of
 
 M2C = "eConvApero_DistM2C"

@@ -208,8 +208,7 @@ def _version(path):
         if width != WIDTH[0]:
             raise line.wrong(
                 f"there is no version line, and {width} columns where such a file has 8 (image, "
-                "track, feature, x, y, r, g, b); put its first line back, for example "
-                f"{HEADER}2"
+                f"track, feature, x, y, r, g, b); put its first line back, for example {HEADER}2"
             )
         return 0, 0
     raise InputError(f"{path.name} is empty; export the tracks again")

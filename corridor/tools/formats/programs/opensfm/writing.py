@@ -1,7 +1,5 @@
 """A block as OpenSfM's files: reconstruction, tracks, reference, ground points."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
 
