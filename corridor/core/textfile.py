@@ -24,6 +24,8 @@ import numpy as np
 from corridor.core.errors import InputError
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
+# 1.5D+03, as programs in Fortran print it.
+_FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d+$)")
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 # Numbers as text are packed to a third or a tenth. What is packed to less than a hundredth holds
 # nothing but repetition, and may have been made to fill a memory; so few bytes fill none.
@@ -42,7 +44,7 @@ def number(text: str, path: Path, line: int, what: str, count: str = "line") -> 
     count: what lines are called: `row` in tables.
     """
     try:
-        value, kind = float(text), "finite number"
+        value, kind = float(_FORTRAN.sub("e", text)), "finite number"
     except (ValueError, OverflowError):
         value, kind = math.nan, "number"
     if math.isfinite(value) and "_" not in text:

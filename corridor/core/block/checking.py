@@ -290,16 +290,18 @@ def _alike(block, names) -> str:
     names = names.dropna()
     if not len(names):
         return ""
-    known = list(block.images["image"])
     name = str(names.iloc[0])
-    bare = {one.replace("\\", "/").rpartition("/")[2].casefold(): one for one in known}
-    short = name.replace("\\", "/").rpartition("/")[2].casefold()
-    found = next((one for one in known if one.casefold() == name.casefold()), None)
-    stems = {key.rpartition(".")[0] or key: one for key, one in bare.items()}
-    found = found or bare.get(short) or stems.get(short) or stems.get(short.rpartition(".")[0])
-    if found is None:
+    alike: list[str] = []
+    ways = [lambda one: one.replace("\\", "/").casefold()]
+    ways.append(lambda one: ways[0](one).rpartition("/")[2])
+    ways.append(lambda one: ways[1](one).rpartition(".")[0] or ways[1](one))
+    for way in ways:
+        alike = alike or [one for one in block.images["image"] if way(one) == way(name)]
+    if not alike:
         return ""
-    found = found.replace("{", "{{").replace("}", "}}")
+    found = alike[0].replace("{", "{{").replace("}", "}}")
+    if len(alike) > 1:
+        return f", which has {len(alike)} of that name (one is {found!r}): write their folders"
     if found.casefold() == name.casefold():
         return f"; it has {found!r}: only upper and lower case differ"
     return f" (did you mean {found!r}?)"

@@ -11,10 +11,11 @@ from corridor.core.gnss.coordinates import (
     to_local,
 )
 from corridor.core.gnss.exposures import Exposures, on_one_clock
-from corridor.core.gnss.formats.exif import names_in, photographs_in
+from corridor.core.gnss.formats.exif import names_in, of_photographs
 from corridor.core.gnss.frames import (
     about_the_middle,
     grid_distortion,
+    height_unit,
     in_metres,
     in_world,
     local_of,

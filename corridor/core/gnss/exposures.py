@@ -11,10 +11,13 @@ import pandas as pd
 
 from corridor.core.brief import brief
 from corridor.core.errors import InputError, some
+from corridor.core.gnss.pairing import paired
 from corridor.core.gnss.time import DAY_S, days_between
 
 # Share of the usual interval that no camera undercuts; of the rows of which that is a slip.
 _NEAR, _FEW = 0.01, 0.02
+# A camera that is triggered exposes, and writes its time, within this, s.
+_JITTER_S = 0.25
 # Share of the exposures of which the photographs may be deleted: more is another folder.
 _MOST_DELETED = 0.5
 
@@ -87,18 +90,20 @@ class Exposures:
             "the others: is its time right?"
         )
 
-    def named(self, images: list[str]) -> "Exposures":
+    def named(self, images: list[str], taken: "Exposures | None" = None) -> "Exposures":
         """With the column `image`: each number is looked for in the names of image files.
 
         DJI writes the number as the last group of four or more digits between `_` and `_` or `.`.
-        Exposures of a receiver that counts events (`counted`) get the images in order, where there
-        are as many. An exposure whose image was deleted is left out, and named in a note.
+        Exposures of a receiver that counts events (`counted`) get the images whose times, those of
+        `taken` by the camera's clock, have the same rhythm; without these in the order of their
+        names, where there are as many. An exposure whose image was deleted is left out, and named
+        in a note.
         Raises InputError where most exposures have no image, or one has two.
         """
         if "image" in self.table:
             return self
         if self.counted:
-            return self._in_order(sorted(images))
+            return self._in_order(sorted(images)) if taken is None else self._in_time(taken)
         by_number: dict[int, str] = {}
         for name in sorted(images):
             groups = re.findall(r"_(\d{4,5})(?=[_.])", name)
@@ -127,6 +132,34 @@ class Exposures:
                 f"{len(lost)} of {len(self.table)} exposures are left out (photographs deleted?)",
             )
         return replace(self, table=table.assign(image=names), notes=notes)
+
+    def _in_time(self, taken: "Exposures") -> "Exposures":
+        """With the images whose times go with the events'."""
+        events = self.table.sort_values("time_s", kind="stable").reset_index(drop=True)
+        images = taken.table.sort_values(["time_s", "image"], kind="stable")
+        within = max(_JITTER_S, 0.6 * (taken.resolution_s or 0.0))
+        rows = None
+        if min(len(events), len(images)) > 1:
+            one, other = (frame["time_s"].to_numpy(float) for frame in (events, images))
+            rows = paired(one, other, within)
+        if rows is None:
+            raise InputError(
+                f"{self.source.name} has {len(events)} events and there are {len(images)} images, "
+                "whose times (EXIF) do not go with the events': one belongs to another flight, or "
+                "all were taken at one interval, so that a missed event cannot be found. Name the "
+                "images in the table yourself, or leave --photos out"
+            )
+        lost = np.delete(events["number"].to_numpy(), rows[:, 0])
+        bare = np.delete(images["image"].to_numpy(), rows[:, 1])
+        notes = [f"images were given to events by the rhythm of their times (to {within:g} s)"]
+        for what, names in (("events have no image", lost), ("images have no event", bare)):
+            if len(names):
+                notes.append(
+                    f"{self.source.name}: {len(names)} {what} ({some(names, 5)}): left out"
+                )
+        table = events.iloc[rows[:, 0]].reset_index(drop=True)
+        names = pd.Series(images["image"].to_numpy()[rows[:, 1]], dtype="str")
+        return replace(self, table=table.assign(image=names), notes=(*self.notes, *notes))
 
     def _in_order(self, images: list[str]) -> "Exposures":
         """With the names of image files in their order."""

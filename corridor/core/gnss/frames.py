@@ -234,6 +234,13 @@ def metric(crs: str) -> tuple[str, float]:
     return type(system).from_json_dict(table).to_wkt(), unit
 
 
+def height_unit(crs: str) -> float:
+    """Metres in a unit of heights beside a grid that names none: they count as the plane does."""
+    system = known_crs(crs)
+    plain = system.is_projected and len(system.axis_info) == 2
+    return float(system.axis_info[0].unit_conversion_factor) if plain else 1.0
+
+
 def in_metres(crs: str) -> None:
     """Raises InputError unless a CRS is a grid in metres, as a block's coordinates have to be."""
     system = known_crs(crs)

@@ -92,7 +92,10 @@ class Metadata:
 
 
 def photographs_in(folder: Path) -> list[Path]:
-    """Photographs of a folder and the folders in it, in order. Raises InputError without any."""
+    """Photographs of a folder and the folders in it, in order. Raises InputError without any.
+
+    A raw picture (.dng) beside the same picture in another form is left out.
+    """
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder; name the folder of the photographs")
     found = sorted(
@@ -100,6 +103,10 @@ def photographs_in(folder: Path) -> list[Path]:
         for file in folder.rglob("*")
         if file.suffix.lower() in SUFFIXES and not file.name.startswith(".") and file.is_file()
     )
+    # Beside a picture its raw form may lie, called alike but for the ending.
+    raw = {file for file in found if file.suffix.lower() == ".dng"}
+    pictures = {file.with_suffix("") for file in found if file not in raw}
+    found = [file for file in found if file not in raw or file.with_suffix("") not in pictures]
     if not found:
         raise InputError(f"{folder} holds no photograph ({', '.join(SUFFIXES)}); name another")
     return found

@@ -30,8 +30,12 @@ def earth_warnings(block: Block) -> Iterator[str]:
             "projected one, as EPSG:25832."
         )
         return
-    if system.is_geographic or system.is_geocentric:
-        what = "counts degrees" if system.is_geographic else "has no height axis"
+    unit = system.axis_info[0]
+    what = "counts degrees" if system.is_geographic else ""
+    what = "has no height axis" if system.is_geocentric else what
+    if not what and abs(unit.unit_conversion_factor - 1) > 1e-9:
+        what = f"counts in {unit.unit_name}"
+    if what:
         yield (
             f"block.toml: crs = {block.crs!r} {what}; a block is in metres with z up: name the "
             "projected system its coordinates are in, as EPSG:25832."

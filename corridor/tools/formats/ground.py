@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.core.block import LAYOUTS, ROLES, SIGMAS, Block, Layout, place, read_columns
+from corridor.core.block import LAYOUTS, Block, place, read_columns
 from corridor.core.errors import InputError
 from corridor.core.geometry import similarity
-from corridor.core.gnss import GEOGRAPHIC, convert, known_crs, local_of, outside_area
+from corridor.core.gnss import GEOGRAPHIC, convert, height_unit, known_crs, local_of, outside_area
 from corridor.core.textfile import Line, filled, opening, says_number
-from corridor.tools.formats.ground_text import read_text, role_of
+from corridor.tools.formats.ground_text import read_text
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.plausible import remedy
 from corridor.tools.formats.project import Project, Views, apart, ground_table
@@ -67,13 +67,12 @@ def read_ground(path: Path, block: Block) -> Ground:
                 "give ground points in the block's coordinates"
             )
         return formats()["opensfm"].read_ground(path, block, local_of(block))
-    first = head.split("\n", 1)[0]
-    if {"point", "x", "y", "z"} <= {word.strip() for word in first.split(",")}:
-        return _block_table(path)
-    if is_gcp_list(head):
+    of_block = {"point", *_XYZ} <= {word.strip() for word in head.split("\n", 1)[0].split(",")}
+    if not of_block and is_gcp_list(head):
         return read_gcp_list(path)
-    found = read_text(path)
-    return Ground(path, found.crs, found.table, notes=found.notes, unit=found.unit)
+    found = read_text(path, exact=of_block)
+    marks = _marks_beside(path) if of_block else []
+    return Ground(path, found.crs, found.table, marks, found.notes, found.unit)
 
 
 def is_gcp_list(head: str) -> bool:
@@ -193,39 +192,23 @@ def _xml(path):
     return Ground(path, GEOGRAPHIC if local else None, ground, _marks_of(other.marks))
 
 
-def _block_table(path):
-    table = _columns(path, Layout(("point", *_XYZ), optional=(*SIGMAS, "role")))
-    sigmas = None
-    if set(SIGMAS) & set(table):
-        sigmas = table.reindex(columns=SIGMAS).to_numpy(float)
-    roles = None
-    if "role" in table:
-        given = table["role"].fillna("")
-        roles = [role_of(word) for word in given]
-        if None in roles:
-            row = roles.index(None)
-            raise InputError(
-                f"{place(path, row)}: role {given.iloc[row]!r} is unknown; write one of "
-                f"{', '.join(ROLES)}"
-            )
-    table = ground_table(list(table["point"].str.strip()), table[_XYZ].to_numpy(), sigmas, roles)
-    beside = path.with_name("marks.csv")
-    marks = _marks_of(_columns(beside, LAYOUTS["marks"])) if beside.is_file() else []
-    return Ground(path, None, table, marks)
-
-
 def _marks_of(table):
     named = table[["point", "image", "x", "y"]].astype({"point": str, "image": str})
     return list(named.itertuples(index=False, name=None))
 
 
-def _columns(path, layout):
-    table = read_columns(path, layout)
-    for name in layout.needed:
-        if table[name].isna().any():
-            row = int(np.argmax(table[name].isna()))
-            raise InputError(f"{place(path, row)}: {name} is empty; write it there")
-    return table
+def _marks_beside(path):
+    """Marks of a block's marks.csv beside its ground.csv."""
+    file = path.with_name("marks.csv")
+    if not file.is_file():
+        return []
+    table = read_columns(file, LAYOUTS["marks"])
+    empty = table[list(LAYOUTS["marks"].needed)].isna().to_numpy()
+    if empty.any():
+        row, column = np.argwhere(empty)[0]
+        name = LAYOUTS["marks"].needed[column]
+        raise InputError(f"{place(file, row)}: {name} is empty; write it there")
+    return _marks_of(table)
 
 
 def in_frame(block: Block, places: np.ndarray, crs: str | None, what: str) -> np.ndarray:
@@ -239,10 +222,7 @@ def in_frame(block: Block, places: np.ndarray, crs: str | None, what: str) -> np
     outside = outside_area(places, crs)
     if outside:
         raise InputError(f"{what}: {outside}")
-    system, local = known_crs(crs), local_of(block)
-    if system.is_projected and len(system.axis_info) == 2:
-        # PROJ passes a height on that a system does not name: it counts as the plane does.
-        places = places * [1.0, 1.0, system.axis_info[0].unit_conversion_factor]
+    local, places = local_of(block), places * [1.0, 1.0, height_unit(crs)]
     if block.crs is not None:
         return convert(places, crs, block.crs) - block.offset
     if local is not None:

@@ -72,11 +72,12 @@ class Table:
     unit: str = ""
 
 
-def read_text(path: Path) -> Table:
+def read_text(path: Path, exact: bool = False) -> Table:
     """Ground points of a text: cells between tabs, semicolons, commas or blanks, quoted or not.
 
-    Comments begin with #, % or //; the header is the first line that is none. Raises InputError
-    naming file and line.
+    Comments begin with #, % or //; the header is the first line that is none. exact: a standard
+    deviation of 0 says that a point is exact, as in a block; else that nobody stated one. Raises
+    InputError naming file and line.
     """
     rows, header, unit = [], None, ""
     found = list(filled(path, comment=_COMMENTS))
@@ -98,7 +99,7 @@ def read_text(path: Path) -> Table:
     headed = header is not None
     if header is None:
         header = _guessed(rows, separator, notes)
-    return replace(_table(rows, header, headed, notes), unit=unit)
+    return replace(_table(rows, header, headed, notes, exact), unit=unit)
 
 
 # --- cells -----------------------------------------------------------------------------------
@@ -241,7 +242,7 @@ def _guessed(rows: list[tuple[Line, list[str]]], separator: str | None, notes: l
 # --- the table -------------------------------------------------------------------------------
 
 
-def _table(rows, columns, headed, notes) -> Table:
+def _table(rows, columns, headed, notes, exact) -> Table:
     at = {column: k for k, column in enumerate(columns) if column}
     unused = [k + 1 for k, column in enumerate(columns) if column is None]
     if headed and unused:
@@ -267,7 +268,7 @@ def _table(rows, columns, headed, notes) -> Table:
             )
         names.append(name)
         places.append([_coordinate(line, cells[at[key]]) for key in keys])
-        sigmas.append(_sigmas(line, {key: _cell(cells, at[key]) for key in sigma_keys}))
+        sigmas.append(_sigmas(line, {key: _cell(cells, at[key]) for key in sigma_keys}, exact))
         roles.append(_role(line, _cell(cells, at["role"])) if "role" in at else "control")
     table = ground_table(names, np.array(places), np.array(sigmas), roles)
     return Table(table, GEOGRAPHIC if geographic else None, headed, notes)
@@ -282,12 +283,12 @@ def _coordinate(line: Line, cell: str) -> float:
     return value if value is not None and np.isfinite(value) else line.number(cell, "a coordinate")
 
 
-def _sigmas(line: Line, cells: dict[str, str]) -> list[float]:
+def _sigmas(line: Line, cells: dict[str, str], exact: bool) -> list[float]:
     """sx, sy, sz of a row, NaN where unknown."""
     known = {}
     for key, cell in cells.items():
         value = line.number(cell, "a standard deviation") if cell else np.nan
-        known[key] = value if value > 0 else np.nan
+        known[key] = value if value > 0 or exact and value == 0 else np.nan
     every = known.get("sxyz", np.nan)
     level = known.get("sxy", every)
     return [known.get("sx", level), known.get("sy", level), known.get("sz", every)]

@@ -80,8 +80,9 @@ def add_photographs(
     Raises InputError where no photograph belongs to an image of the project.
     """
     images = project.block.images["image"]
-    files = photographs_in(folder)
-    names = Names(images)
+    names, called = Names(images), {name.rpartition("/")[2] for name in images}
+    # Copies in other formats may lie beside them.
+    files = sorted(photographs_in(folder), key=lambda file: file.name not in called)
     mine: dict[int, Path] = {}
     for file in files:
         inside = file.relative_to(folder).as_posix()
@@ -117,19 +118,25 @@ def add_photographs(
 
 
 def _with_times(project, folder, photos):
-    homes: dict[Path, dict[str, int]] = {}
+    homes: dict[Path, dict[int, Metadata]] = {}
     whole = len(_marks_in(folder)) == 1
     for row, photo in photos.items():
-        home = folder if whole else photo.path.parent
-        homes.setdefault(home, {})[photo.path.relative_to(home).as_posix()] = row
+        homes.setdefault(folder if whole else photo.path.parent, {})[row] = photo
     parts, notes = [], []
     try:
-        for home, names in homes.items():
-            part, note = _exposures_of(home)
-            notes += note
-            rows = {name.rpartition("/")[2]: row for name, row in names.items()} | names
-            at = part.table["image"].map(rows)
-            parts.append(replace(part, table=part.table.assign(row=at).dropna(subset=["row"])))
+        for home, mine in homes.items():
+            marks = _marks_in(home)
+            if len(marks) != 1:
+                part, rows = gnss.of_photographs(home, list(mine.values())), list(mine)
+            else:
+                # All of the flight's photographs: the project may have used fewer.
+                files = photographs_in(home)
+                part = gnss.read_exposures(marks[0]).named(gnss.names_in(home, files))
+                notes.append(f"times and positions: {marks[0].name} (GPS time)")
+                of_path = {photo.path: row for row, photo in mine.items()}
+                of_name = zip(gnss.names_in(home, files), map(of_path.get, files), strict=True)
+                rows = part.table["image"].map(dict(of_name))
+            parts.append(replace(part, table=part.table.assign(row=rows).dropna(subset=["row"])))
         exposures = gnss.on_one_clock(parts)
     except InputError as error:
         return project.warned(f"no times from the photographs: {error}"), None
@@ -158,17 +165,6 @@ def _with_times(project, folder, photos):
 
 def _marks_in(folder: Path) -> list[Path]:
     return sorted({*folder.glob("*.MRK"), *folder.glob("*.mrk")})
-
-
-def _exposures_of(home: Path) -> tuple[gnss.Exposures, list[str]]:
-    """Times of the photographs of a folder: by DJI's marks beside them, else by their EXIF."""
-    marks = _marks_in(home)
-    if len(marks) != 1:
-        return gnss.read_exposures(home), []
-    # All of the flight's photographs: the project may have used fewer.
-    files = photographs_in(home)
-    exposures = gnss.read_exposures(marks[0]).named(gnss.names_in(home, files))
-    return exposures, [f"times and positions: {marks[0].name} (GPS time)"]
 
 
 def _with_flights(project, photos):

@@ -183,3 +183,15 @@ def test_raw_data_are_named_for_what_they_are(tmp_path, name, content, named):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=f"{name} .*{named}"):
         read_track(tmp_path / name)
+
+
+def test_solutions_of_two_time_systems_in_one_file_are_refused(tmp_path):
+    columns = "latitude(deg) longitude(deg) height(m) Q ns sdn(m) sde(m) sdu(m)"
+    row = "2024/06/24 08:{:02d}:00.000 47.5 8.7 500.0 1 12 0.01 0.01 0.02"
+    rows = [f"%  {system}  {columns}\n{row.format(k)}\n" for k, system in ((1, "GPST"), (9, "UTC"))]
+    path = tmp_path / "both.pos"
+    path.write_text("".join(rows))
+    with pytest.raises(InputError, match="several solutions with different headers"):
+        read_track(path)
+    path.write_text(rows[0] + rows[1].replace("UTC", "GPST"))
+    assert len(read_track(path).table) == 2

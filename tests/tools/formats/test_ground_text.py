@@ -166,7 +166,7 @@ def test_points_whose_names_differ_in_case_and_blanks_are_those_of_the_marks(tmp
     ("name", "text", "said"),
     [("a.kml", "<kml/>", "a.kml is a map"), ("a.csv", "<!DOCTYPE html><html>", "page of the web"),
      ("a.xlsx", "PK", "Excel"), ("a.geojson", "{}", "is a map"),
-     ("a.csv", "point,x,y,z,role\nA,1,2,3,\nB,1,2,3,maybe\n", "a.csv, row 3: role 'maybe'"),
+     ("a.csv", "point,x,y,z,role\nA,1,2,3,\nB,1,2,3,maybe\n", "a.csv, line 3: role 'maybe'"),
      ("a.csv", "point,x,y,z\nA,1,2,3\nB,1,2,3\nA,1,2,4\n", "twice, as point 1 and 3"),
      ("a.csv", "name,x,y,z\nA,1,2,3\nA,1,2,4\n", "twice, as point 1 and 2")],
 )  # fmt: skip

@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from dataclasses import replace
 from xml.etree import ElementTree
 
@@ -9,9 +10,19 @@ import numpy as np
 import pandas as pd
 import pyproj
 import pytest
+from PIL import Image
 
 from corridor.core.errors import InputError
-from corridor.core.gnss import Exposures, metric, on_one_clock, read_exposures
+from corridor.core.gnss import (
+    Exposures,
+    Local,
+    local_table,
+    metric,
+    on_one_clock,
+    read_exposures,
+)
+from corridor.core.photographs import photographs_in
+from corridor.core.preparation import plausibility_warnings
 from corridor.tools.formats import export_project, prove, read_project
 from corridor.tools.formats.ground import crs_of_line, in_frame
 from corridor.tools.formats.placing import add_photographs
@@ -181,6 +192,10 @@ def test_photographs_of_two_folders_keep_their_own_times_and_positions(tmp_path)
     for k, (name, place) in enumerate(zip(names, made.poses[:, :3], strict=True)):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         photograph(tmp_path / name, k, place)
+        # Neither a raw picture beside it nor a picture of something else is in the way.
+        (tmp_path / name).with_suffix(".DNG").write_bytes(b"II*\0")
+    Image.new("L", (8, 8)).save(tmp_path / "100MEDIA" / "screen.png")
+    assert len(photographs_in(tmp_path)) == 13
     project, _, exposures = add_photographs(read_project(tmp_path / "model"), tmp_path)
     time = project.block.images.set_index("image")["time_s"]
     assert time[names].tolist() == (37200.25 + 2.0 * np.arange(12)).tolist()
@@ -188,6 +203,7 @@ def test_photographs_of_two_folders_keep_their_own_times_and_positions(tmp_path)
     at = project.block.images.set_index("image").loc[project.block.gnss["image"], ["x", "y", "z"]]
     assert np.abs(at.to_numpy() - project.block.gnss[["x", "y", "z"]].to_numpy()).max() < 0.01
     # Times alone, for `corridor gnss`.
+    (tmp_path / "100MEDIA" / "screen.png").unlink()
     assert list(read_exposures(tmp_path).table["image"]) == names
 
 
@@ -210,3 +226,44 @@ def test_heights_in_feet_become_metres_in_a_block_in_a_grid():
     made = replace(block(), crs="EPSG:32118")
     places = in_frame(made, np.array([[984250.0, 190000.0, 100.0]]), "EPSG:2263", "points")
     assert places[0] == pytest.approx([300000.0, 190000 * FOOT, 100 * FOOT], abs=1e-6)
+
+
+@pytest.mark.parametrize("unit", [1.0, FOOT])
+def test_heights_beside_a_grid_in_feet_are_those_of_the_mapped_centres(tmp_path, unit):
+    made, place = exact_block(seed=6, images=6, points=30), Local(40.7, -74.0, 30.0)
+    made.extra["local_frame"] = local_table(place)
+    export_project(made, "metashape", tmp_path)
+    root = ElementTree.parse(tmp_path / "cameras.xml").getroot()
+    root.find("chunk/reference").text = pyproj.CRS("EPSG:2263").to_wkt("WKT1_GDAL")
+    places = place.to_crs(made.poses[:, :3], "EPSG:2263") / [1, 1, unit]
+    for camera, xyz in zip(root.iter("camera"), places, strict=True):
+        told = dict(zip("xyz", map(repr, xyz.tolist()), strict=True))
+        ElementTree.SubElement(camera, "reference", enabled="true", **told)
+    ElementTree.ElementTree(root).write(tmp_path / "cameras.xml")
+    block = read_project(tmp_path / "cameras.xml").block
+    assert np.abs(block.gnss[["x", "y", "z"]].to_numpy() - block.poses[:, :3]).max() < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("form", "file"), [("micmac", "GroundMarks.xml"), ("opensfm", "ground_control_points.json")]
+)
+def test_marks_in_images_of_another_case_are_not_lost(projects, tmp_path, form, file):
+    shutil.copytree(projects[form], tmp_path / "project")
+    _edited(tmp_path / "project" / file, (r"IMG_(\d+)\.JPG", r"img_\1.jpg"))
+    assert len(read_project(tmp_path / "project").block.marks) == 13
+
+
+def test_exponents_of_fortran_are_read(projects, tmp_path):
+    home = _copied(projects["pix4d"], tmp_path)
+    for file in ("s_calibrated_camera_parameters.txt", "s_tp_bingo.txt"):
+        text = (home / file).read_text()
+        digits = re.compile(r"(?<![\w.])-?\d+\.\d+(?![\w.])")
+        made = digits.sub(lambda found: f"{float(found[0]):.16E}".replace("E", "D"), text)
+        assert "D-0" in made
+        (home / file).write_text(made)
+    assert prove(read_project(home)).main.median < 1e-5
+
+
+def test_a_block_in_a_grid_of_feet_is_told():
+    made = replace(block(), crs="EPSG:2263", offset=np.array([984_250.0, 190_000.0, 0.0]))
+    assert any("counts in US survey foot" in told for told in plausibility_warnings(made))

@@ -9,6 +9,7 @@ Source: EXIF 2.32 (CIPA DC-008), tags 36867, 37521, 36881.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,7 +20,7 @@ from corridor.core.gnss.exposures import Exposures
 from corridor.core.gnss.time import on_one_day, time_system
 
 if TYPE_CHECKING:
-    from corridor.core.photographs import Taken
+    from corridor.core.photographs import Metadata, Taken
 
 
 def read(folder: Path) -> Exposures:
@@ -27,13 +28,15 @@ def read(folder: Path) -> Exposures:
 
     Raises InputError where there is none, or one has no time, or zones differ.
     """
-    files = photographs_in(folder)
-    if not files:
-        raise InputError(
-            f"{folder.name} holds neither images.csv nor photographs; name the folder or file of "
-            "the images"
-        )
-    taken = [_taken(file) for file in files]
+    # It needs Pillow, which a track does not.
+    from corridor.core.photographs import photographs_in, read_metadata
+
+    return of_photographs(folder, [read_metadata(file) for file in photographs_in(folder)])
+
+
+def of_photographs(folder: Path, photos: Sequence[Metadata]) -> Exposures:
+    """Times of photographs of a folder, as `read`."""
+    files, taken = [photo.path for photo in photos], [_taken(photo) for photo in photos]
     zones = [time_system(f"UTC{one.zone}") if one.zone else None for one in taken]
     for file, zone in zip(files, zones, strict=True):
         if zone != zones[0]:
@@ -59,13 +62,6 @@ def read(folder: Path) -> Exposures:
     )  # fmt: skip
 
 
-def photographs_in(folder: Path) -> list[Path]:
-    """The photographs of a folder and of those in it (DCIM/100MEDIA), in order of their paths."""
-    from corridor.core.photographs import SUFFIXES  # needs Pillow, which a track does not
-
-    return sorted(file for file in folder.rglob("*") if file.suffix.lower() in SUFFIXES)
-
-
 def names_in(folder: Path, files: list[Path]) -> list[str]:
     """Names of photographs of a folder: with the folders below it, where files are named alike."""
     names = [file.name for file in files]
@@ -74,17 +70,15 @@ def names_in(folder: Path, files: list[Path]) -> list[str]:
     return [file.relative_to(folder).as_posix() for file in files]
 
 
-def _taken(file: Path) -> Taken:
-    from corridor.core.photographs import read_metadata
-
-    taken = read_metadata(file).taken
+def _taken(photo: Metadata) -> Taken:
+    taken = photo.taken
     if taken is None:
         raise InputError(
-            f"{file.name} has no time of exposure in its EXIF (DateTimeOriginal); take it out of "
+            f"{photo.name} has no time of exposure in its EXIF (DateTimeOriginal); take it out of "
             "the folder, or give the times in a file"
         )
     if taken.day is None:
         raise InputError(
-            f"{file.name}: {taken.text!r} in its EXIF is not a date; give the times in a file"
+            f"{photo.name}: {taken.text!r} in its EXIF is not a date; give the times in a file"
         )
     return taken

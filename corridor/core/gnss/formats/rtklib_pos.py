@@ -63,7 +63,13 @@ def recognise(head: str) -> bool:
 def read(path: Path) -> Track:
     """The track in a .pos. An e, n, u baseline has its place in the world from `ref pos`."""
     lines = read_lines(path)
-    header = next((line for line in reversed(lines) if _COLUMNS.match(line)), None)
+    headers = [line for line in lines if _COLUMNS.match(line)]
+    header = headers[-1] if headers else None
+    if len({tuple(line.split()) for line in headers}) > 1:
+        raise InputError(
+            f"{path.name} holds several solutions with different headers (time system or columns): "
+            "put each into a file of its own"
+        )
     if header is None:
         raise InputError(
             f"{path.name}, row 1: the header is missing, so time system and kind of coordinates "

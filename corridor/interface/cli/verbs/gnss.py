@@ -66,6 +66,7 @@ def run(options: argparse.Namespace) -> None:
     """Read, interpolate, write table and picture, print what came of it."""
     from corridor.core import gnss
     from corridor.core.errors import InputError
+    from corridor.core.photographs import photographs_in
     from corridor.interface import figures
 
     track = gnss.read_track(options.track)
@@ -76,12 +77,14 @@ def run(options: argparse.Namespace) -> None:
         )
     exposures = gnss.read_exposures(options.images)
     if options.photos is not None:
-        if not options.photos.is_dir():
-            raise InputError(
-                f"{options.photos} is not a folder; name the folder of the photographs"
-            )
-        photographs = gnss.photographs_in(options.photos)
-        exposures = exposures.named(gnss.names_in(options.photos, photographs))
+        photographs = photographs_in(options.photos)
+        taken = None
+        if exposures.counted:
+            try:
+                taken = gnss.read_exposures(options.photos)
+            except InputError as error:
+                warn([f"Events are given to images in the order of their names, for {error}."])
+        exposures = exposures.named(gnss.names_in(options.photos, photographs), taken)
     crs, offset, about = gnss.frame_of_block(options.images)
     if options.crs is not None and options.crs != crs:
         crs, offset, about = options.crs, (0.0, 0.0, 0.0), None

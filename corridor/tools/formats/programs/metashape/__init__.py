@@ -21,7 +21,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from corridor.core.errors import InputError, some
-from corridor.core.gnss import GEOCENTRIC, GEOGRAPHIC, Local, convert, known_crs
+from corridor.core.gnss import GEOCENTRIC, GEOGRAPHIC, Local, convert, height_unit, known_crs
 from corridor.core.textfile import Xml, opening
 from corridor.tools.formats.cameras import (
     Held,
@@ -379,17 +379,22 @@ class _World:
     """Where a chunk lies.
 
     local: its frame on Earth; None: metres of a local system, or none at all. scaled: the chunk's
-    coordinates are metres. geocentric: they are geocentric.
+    coordinates are metres. geocentric: they are geocentric. metric_heights: heights beside a grid
+    in feet are metres.
     """
 
     local: Local | None = None
     scaled: bool = True
     geocentric: bool = False
+    metric_heights: bool = False
 
     def points(self, places: np.ndarray, crs: str | None) -> np.ndarray:
         """Block coordinates (n, 3) of places in a CRS (None: local already)."""
         places = np.asarray(places, dtype=float).reshape(-1, 3)
-        return places if self.local is None or crs is None else self.local.from_crs(places, crs)
+        if self.local is None or crs is None:
+            return places
+        up = 1.0 if self.metric_heights else height_unit(crs)
+        return self.local.from_crs(places * [1.0, 1.0, up], crs)
 
 
 def _similarity(element):
@@ -446,6 +451,14 @@ def _project(chunk, cloud, path, notes, warnings):
         turn = world.local.rotation()
         centre[known] = world.local.from_crs(centre[known], GEOCENTRIC)
         rotation[known] = rotation[known] @ turn.T
+    both = have & known
+    if world.geocentric and crs is not None and both.any():
+        # Where a grid counts in feet, the mapped centres say whether heights do.
+        off = []
+        for world.metric_heights in (True, False):
+            made = world.points(measured.place[both], crs)
+            off.append(float(np.median(np.abs(made - centre[both])[:, 2])))
+        world.metric_heights = off[0] < off[1]
     reference = np.full_like(centre, np.nan)
     reference[have] = world.points(measured.place[have], crs)
     taken = have & np.isfinite(measured.angle).all(axis=1) & (not known.any())

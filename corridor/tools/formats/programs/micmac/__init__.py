@@ -30,6 +30,7 @@ from corridor.tools.formats.cameras import (
     where_known,
 )
 from corridor.tools.formats.columns import NumberLines, plain_numbers
+from corridor.tools.formats.names import Names
 from corridor.tools.formats.programs.micmac.writing import M2C, RADIAL
 from corridor.tools.formats.programs.micmac.writing import write as write
 from corridor.tools.formats.project import (
@@ -397,11 +398,15 @@ def _ground_and_marks(home, images, notes, warnings):
             ground = found if ground is None else ground
         elif "SetOfMesureAppuisFlottants" in head or "<SetMesIm>" in head:
             marks += marks_of(file) or []
-    row_of = {image: k for k, image in enumerate(images)}
-    lost = sorted({image for _, image, _, _ in marks} - set(images))
+    names = Names(images)
+    row_of = {image: names.row(image) for _, image, _, _ in marks}
+    lost = sorted(image for image, row in row_of.items() if row is None)
     if lost:
-        notes.append(f"marks in {len(lost)} images without orientation were left out ({lost[0]})")
-    rows = [(point, row_of[image], x, y) for point, image, x, y in marks if image in row_of]
+        warnings.append(
+            f"marks in {len(lost)} images without orientation were left out ({lost[0]})"
+        )
+    notes += names.told("marks")
+    rows = [(p, row, x, y) for p, image, x, y in marks if (row := row_of[image]) is not None]
     known = set() if ground is None else set(ground["point"])
     bare = [name for name in dict.fromkeys(row[0] for row in rows) if name not in known]
     if bare and known:

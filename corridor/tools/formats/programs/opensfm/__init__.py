@@ -23,6 +23,7 @@ from corridor.core.gnss import Local
 from corridor.core.textfile import Json, lines, opening
 from corridor.tools.formats.cameras import Held, NoModel, in_the_middle, opencv_camera, where_known
 from corridor.tools.formats.ground import Ground, add_to
+from corridor.tools.formats.names import Names
 from corridor.tools.formats.programs.opensfm.writing import HEADER, MAIN, WIDTH
 from corridor.tools.formats.programs.opensfm.writing import write as write
 from corridor.tools.formats.project import Contents, Project, Views, ground_table
@@ -302,10 +303,8 @@ def _reference(whole, folder):
 
 def read_ground(path: Path, block: Block, local: Local | None) -> Ground:
     """ground_control_points.json, in the frame about its reference; None: marks only."""
-    sizes = {
-        image: np.array([block.cameras[camera].width, block.cameras[camera].height], dtype=float)
-        for image, camera in block.images[["image", "camera"]].itertuples(index=False)
-    }
+    cameras = [block.cameras[name] for name in block.images["camera"]]
+    known = Names(block.images["image"])
     names, places, roles, marks = [], [], [], []
     for point in Json.read(path).rows("points", "point"):
         if not isinstance(point.get("id"), (str, int)):
@@ -319,11 +318,11 @@ def read_ground(path: Path, block: Block, local: Local | None) -> Ground:
             check = point.get("role") in ("check", "metrics_only")
             roles.append("check" if check else "control")
         for entry in point.rows("observations", "observation") if point.get("observations") else ():
-            shot = entry.get("shot_id")
-            if shot in sizes:
-                xy = entry.numbers("projection", 2)
-                pixel = xy * sizes[shot].max() + (sizes[shot] - 1) / 2
-                marks.append((name, shot, *pixel))
+            row = known.row(str(entry.get("shot_id")))
+            if row is not None:
+                size = np.array([cameras[row].width, cameras[row].height], dtype=float)
+                pixel = entry.numbers("projection", 2) * size.max() + (size - 1) / 2
+                marks.append((name, block.images["image"].iloc[row], *pixel))
     if not names:
         return Ground(path, None, None, marks)
     places = local.from_geographic(np.array(places))
