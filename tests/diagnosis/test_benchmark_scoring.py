@@ -338,3 +338,16 @@ def test_to_take_out_what_was_put_in_is_no_harm_to_check_points():
     told = real_rates.rates(rows)
     assert told["check points worse by a tenth"].startswith("75")
     assert told["check points worse by a tenth, than in the untouched part too"].startswith("50")
+
+
+@pytest.mark.parametrize(
+    ("error", "crash"), [(ZeroDivisionError("x"), True), (InputError("no"), False)]
+)
+def test_a_crash_is_a_row_and_a_figure(monkeypatch, error, crash):
+    def fails(block, settings):
+        raise error
+
+    monkeypatch.setattr(real_rates.corridor, "diagnose", fails)
+    row = real_rates.row_of(None, SHUTTER)
+    told = real_rates.rates({"b": row})
+    assert ("(1 of 1;" in told["crashes"]) == crash != ("(1 of 1;" in told["refused in a sentence"])
