@@ -12,7 +12,7 @@ import pandas as pd
 
 from corridor.core.adjustment.blunders import exchanged_points
 from corridor.core.adjustment.false_positions import false_apart, lengths
-from corridor.core.adjustment.model import ARM_M, Model
+from corridor.core.adjustment.model import Model
 from corridor.core.adjustment.result import Adjustment, Again, where_it_leads
 from corridor.core.adjustment.variance_components import CONTRADICTING_FACTOR
 from corridor.core.adjustment.warnings import implausible
@@ -60,38 +60,43 @@ def without_gross_errors(result: Adjustment, again: Again) -> Adjustment:
 
 
 def begun_with_sound_positions(block: Block, model: Model, again: Again) -> Adjustment:
-    """Adjusted; where it runs away, or positions miss by metres, without those that are false
-    beside the stated camera.
+    """Adjusted; where it runs away, or half of the positions miss grossly, without those that are
+    false beside the stated camera, if the others are then as good as they are stated.
 
     A third of a flight that is metres off draws all others after it, the arm and a free focal
-    length, which may become a hundred times as long. They cannot do so where both are held.
+    length, which may become a hundred times as long, at once or with a robust loss. They cannot do
+    so where both are held. An effect that is missing is in all positions, and leaves none right.
     Raises what the adjustment does, where that does not help.
     """
     first: Adjustment | InputError | AdjustmentFailed
-    least = np.inf
+    most = np.inf
     try:
         first = again(block, model)
         if first.converged and not implausible(first):
-            table = first.residuals["gnss"]
-            miss = table[["vx", "vy", "vz"]].to_numpy()
-            size = np.linalg.norm(miss / table[["sx", "sy", "sz"]].to_numpy(), axis=1)
-            # Half of them by what no arm, clock or drift of a flight comes to.
-            far = (np.linalg.norm(miss, axis=1) > ARM_M) & (size > GROSS)
-            if 2 * np.count_nonzero(far) <= len(far):
+            if _miss(first) < GROSS:
                 return first
-            least = first.sigma0 / CONTRADICTING_FACTOR
+            most = _OF_THREE * CONTRADICTING_FACTOR
     except (InputError, AdjustmentFailed) as failure:
         first = failure
     held = where_it_leads(again, block, replace(model, camera="fixed", lever_arm="fixed"))
-    notes: list[str] = []
-    found = None if held is None else where_it_leads(_without_positions, held, again, notes, model)
-    if found is not None and found is not held and found.sigma0 < least and not implausible(found):
-        for note in reversed(notes):
-            found.add_note(note)
-        return found
+    # The free camera is that of the block where the positions are off by less.
+    for begun in (held,) if isinstance(first, Exception) or most == np.inf else (first, held):
+        notes: list[str] = []
+        found = begun and where_it_leads(_without_positions, begun, again, notes, model)
+        if found and found is not begun and _miss(found) < most and not implausible(found):
+            for note in reversed(notes):
+                found.add_note(note)
+            return found
     if isinstance(first, Exception):
         raise first
     return first
+
+
+def _miss(found: Adjustment) -> float:
+    """Median length by which positions miss, in their standard deviations; 0 without any."""
+    table = found.residuals["gnss"]
+    miss = table[["vx", "vy", "vz"]].to_numpy() / table[["sx", "sy", "sz"]].to_numpy()
+    return float(np.median(np.linalg.norm(miss, axis=1))) if len(table) else 0.0
 
 
 def _square(result: Adjustment) -> float:

@@ -31,8 +31,6 @@ STATED_FOCAL = "f_stated"
 # A drone carries its antenna within some decimetres of the camera: positions coarser than this in
 # plan say nothing of it, and one that is estimated from them is other errors by another name.
 SEES_ARM_M = 0.2
-# No drone carries it nearly so far from the camera: known no better is not known.
-ARM_M = 2.0
 
 
 class Loss(NamedTuple):

@@ -15,7 +15,6 @@ from scipy.special import chdtri
 from corridor.core.adjustment.cofactors import shares_of_antennas
 from corridor.core.adjustment.false_positions import false_apart
 from corridor.core.adjustment.model import (
-    ARM_M,
     Model,
     ParameterSettings,
     Setting,
@@ -52,6 +51,8 @@ _FEWEST = 8
 _SEEN = 1e-4
 # An offset may be so many times as large as it is stated, or first seen, to be.
 _PRIOR = 3.0
+# No drone carries its antenna nearly so far from the camera: known no better is not known.
+_ARM_M = 2.0
 # Residuals as large as they are stated to be say nothing against what is held.
 _LARGE_FIT = 1.1
 # Sigmas by which an estimate is another one; five, as of outliers.
@@ -349,7 +350,7 @@ def without_unseen_arms(result: Adjustment, again: Again) -> Adjustment:
     if not result.problem.arms_free or result.problem.model.lever_arm is not None or not len(arms):
         return result
     sigma = float(np.nanmax(arms[["sx", "sy", "sz"]].to_numpy(float)))
-    if not sigma > ARM_M:
+    if not sigma > _ARM_M:
         return result
     model = replace(result.problem.model, lever_arm="fixed")
     found = from_where_it_ended(result, result.start, model, again)
