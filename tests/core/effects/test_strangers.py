@@ -159,6 +159,18 @@ class TestOneThatIsNone:
         with pytest.raises(corridor.InputError, match="Plain is not an effect: derive it"):
             register(type("Plain", (), {"slug": "plain"}))
 
+    def test_its_unknowns_may_be_declared_and_are_demanded(self, plain):
+        class Declared(Ripple):
+            unknowns = [Parameter("amplitude", "px", scale=1.0)]
+            parameters = LinearEffect.parameters
+
+        class Empty(Declared):
+            unknowns = ()
+
+        assert Declared().parameters(plain) == Declared.unknowns
+        with pytest.raises(corridor.InputError, match="Empty has no parameters: list them"):
+            register(Empty)
+
     @pytest.mark.parametrize(
         ("shape", "words"),
         [
