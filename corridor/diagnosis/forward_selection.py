@@ -69,6 +69,15 @@ class Round:
     wrong: Blunders = Blunders()
     beside_nothing: Evidence | None = None
 
+    @property
+    def misstated(self) -> np.ndarray | None:
+        """Factors (flights, 3) on standard deviations of antenna positions that are stated much too
+        well; None where they are not, or strong effects wait to be adjusted first: images that do
+        not fit their model do not hold the cameras either."""
+        found = self.found.evidence
+        strong = {self.evidence.groups[n].key for n in found if found[n] > SETTINGS.clear_evidence}
+        return self.noises.misstated if strong <= set(self.log["model"]) else None
+
     def let_go(self) -> None:
         """Forget what can be made anew, once the findings are known."""
         # What the report tells, while the spectra are there.
@@ -178,10 +187,11 @@ def course_of(
     for number in range(1 + SETTINGS.most_refits):
         say(f"searching, round {number + 1}")
         one = _round(course, adjustment, believed, model, threshold)
-        factor = None if number else one.noises.misstated
+        factor = one.misstated
         if factor is not None:
             believed.restate_positions(factor, one.adjustment)
-            course.first = adjustment = first = believed.adjust()
+            course.first = first = believed.adjust()
+            adjustment = believed.adjust(course.members(model)) if model else first
             one = _round(course, adjustment, believed, model, threshold)
         threshold = one.threshold
         course.rounds.append(one)
@@ -359,8 +369,8 @@ class _Asked:
             for group in e.groups
             if group.own is not None and len(group) > images and group.key not in model
         }
-        noises = NoiseModel(plain, self.noise)
         start = {plain.number[key]: _kappa(plain, key) for key in model if key in plain.number}
+        noises = NoiseModel(plain, self.noise, start)
         noise, _ = noises.given(start)
         evidence = self._evidence(noise, lens)
         if not isinstance(threshold, dict):

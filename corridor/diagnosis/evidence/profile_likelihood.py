@@ -33,9 +33,16 @@ class NoiseModel:
     system, and what is in all models; arguments: what is known of the noise beforehand.
     """
 
-    def __init__(self, evidence: Evidence, near: GnssNoise | None = None):
-        """evidence: of a system with the stated noise. near: the noise of an earlier round."""
+    def __init__(
+        self,
+        evidence: Evidence,
+        near: GnssNoise | None = None,
+        start: Mapping[int, Size] | None = None,
+    ):
+        """evidence: of a system with the stated noise. near: the noise of an earlier round.
+        start: the groups that have been adjusted."""
         self.evidence = evidence
+        self.start = start or {}
         made = evidence.reduced.elimination
         self.equations = made.equations if made is not None else None
         self.lens = made.rows if made is not None else ()
@@ -52,10 +59,11 @@ class NoiseModel:
     @property
     def misstated(self) -> np.ndarray | None:
         """Factors (flights, 3) on stated standard deviations so small that cameras follow the
-        positions, beside no effect; None where what is stated can be asked as it is."""
+        positions, beside what has been adjusted; None where what is stated can be asked as it
+        is."""
         if self.few or not (np.isinf(self.stated.most[0]) & np.isfinite(self.stated.most[1])).any():
             return None
-        factor = self._likely({}).noise.white
+        factor = self._likely(self.start).noise.white
         large = (factor > SETTINGS.white_of_scatter).any(axis=1, keepdims=True)
         return np.where(large, np.maximum(factor, 1.0), 1.0) if large.any() else None
 
