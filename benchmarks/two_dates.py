@@ -10,6 +10,7 @@ Every draw is kept in FOLDER as soon as it is done: the same command goes on whe
 from __future__ import annotations
 
 import argparse
+import re
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -21,10 +22,12 @@ import pandas as pd
 
 import corridor
 from benchmarks.diagnosis.rates import Rate
-from benchmarks.draws import kept
+from benchmarks.draws import kept, ratio
 from corridor.core.block import Block
 from corridor.core.camera import Camera
+from corridor.core.errors import InputError
 from corridor.core.output import whole_file, write_json
+from corridor.tools.change.sentence import verdict_sentence
 
 WIDTH, HEIGHT, FOCAL = 4000, 3000, 3000.0
 CENTRE = np.array([2006.5, 1494.5])
@@ -41,11 +44,14 @@ class Date:
     the second flight, and of its focal length (share); shift: px of the principal point there.
     blur: px rms of a vibration with rows. water: share of the corridor where tie points drift, m/s.
     gnss_slow: m, noise that lasts a minute; gnss_factor: noise over its stated sigma; bias (3,), m;
-    floating: images with GNSS off. arm (3,), m; clock: s. control: shift of given coordinates, a
-    function of (names, xyz). raised: height of what grows, m, in half of the area. outliers: share
-    of tie points 8 px off. spot: px of a local deformation of the picture. mark: px, C1 measured
-    beside itself. exchanged: two control points with each other's name. calibrated: camera held.
-    without: no ground control. outlying: GNSS fixes of four images swapped in pairs.
+    floating (3,): m that GNSS is off around the middle; jump (3,): m from three quarters on;
+    no_gnss: none. arm (3,), m; clock: s. control: shift of given coordinates, of (names, xyz).
+    raised: height of what grows, m, in half of the area. parked: height, m, of lorries.
+    water_level: m, of still water beyond 20 m to the right. painted: m that marks are painted anew
+    beside where they were, and surveyed there if so. outliers: share of tie points 8 px off. spot:
+    px of a local deformation of the picture. mark: px, C1 measured beside itself. exchanged: two
+    control points with each other's name. tele: another lens, its focal length. part: share of the
+    images that are flown. calibrated: camera held. without: no ground control.
     """
 
     readout: object = 0.0
@@ -67,15 +73,32 @@ class Date:
     spot: float = 0.0
     mark: float = 0.0
     exchanged: bool = False
+    jump: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    no_gnss: bool = False
+    parked: float = 0.0
+    water_level: float | None = None
+    painted: float = 0.0
+    surveyed: bool = True
+    tele: float = 1.0
+    part: float = 1.0
     calibrated: bool = False
     without: bool = False
     motion: object = None
 
 
-def _bowl(xy, depth):
-    """Height (n,), m, of a bowl with a cosine as its profile."""
-    away = np.linalg.norm(xy - START - [STATION, 0.0], axis=1) / RADIUS
-    return -depth * 0.5 * (1.0 + np.cos(np.pi * np.minimum(away, 1.0)))
+@dataclass(frozen=True)
+class Motion:
+    """Of a round piece of ground: most (3,), m, in its middle, less by a cosine as its profile;
+    station and radius, m."""
+
+    most: tuple[float, float, float]
+    station: float = 70.0
+    radius: float = 30.0
+
+    def __call__(self, xyz: np.ndarray) -> np.ndarray:
+        """Of places (n, 3), m."""
+        away = np.linalg.norm(xyz[:, :2] - START - [self.station, 0.0], axis=1) / self.radius
+        return np.outer(0.5 * (1.0 + np.cos(np.pi * np.minimum(away, 1.0))), self.most)
 
 
 @dataclass(frozen=True)
@@ -152,7 +175,7 @@ def fly(world: World, date: Date, draw: np.random.Generator, name: str) -> Block
         focal = FOCAL * (1.0 + date.focal(share, strip, draw))
     else:
         focal = np.full(count, FOCAL)
-    focal = focal * (1.0 + date.lens[0] * strip)
+    focal = focal * date.tele * (1.0 + date.lens[0] * strip)
     k1, k2 = -0.02 + date.lens[1] * strip, 0.01 + date.lens[2] * strip
     shift = strip[:, None] * np.array(date.shift)
     wave = draw.uniform(0, 2 * np.pi, count)
@@ -165,6 +188,17 @@ def fly(world: World, date: Date, draw: np.random.Generator, name: str) -> Block
         grown &= np.abs(ties[:, 1] - START[1]) > 3.0
         height = draw.gamma(4.0, date.raised / 4.0, len(ties))
         ties[:, 2] += np.where(grown, height, 0.0)
+    if date.parked:
+        lorry = (np.abs((ties[:, 0] - START[0]) % 40.0 - 20.0) < 5.0) & (
+            np.abs(ties[:, 1] - START[1] - 2.0) < 1.5
+        )
+        ties[lorry, 2] += date.parked
+    if date.water_level is not None:
+        ties[ties[:, 1] < START[1] - 20.0, 2] = date.water_level
+    if date.painted:
+        beside = draw.normal(size=(len(marks), 2))
+        beside *= date.painted / np.linalg.norm(beside, axis=1)[:, None]
+        marks[:, :2] += beside
     flowing = (ties[:, 0] - START[0]) / (12.0 * (m - 1)) < date.water
     flowing &= ties[:, 1] > START[1] + 12.0
 
@@ -215,8 +249,10 @@ def fly(world: World, date: Date, draw: np.random.Generator, name: str) -> Block
         gnss += _slow(time, date.gnss_slow, draw) * [1.0, 1.0, 1.6]
     if date.floating is not None:
         gnss[m - 5 : m + 4] += date.floating
+    gnss += np.outer(share > 0.75, date.jump)
 
-    surveyed = np.array(list(world.marks.values())) + moved(np.array(list(world.marks.values())))
+    surveyed = np.array(list(world.marks.values()))
+    surveyed = marks if date.surveyed else surveyed + moved(surveyed)
     role = np.where(np.char.startswith(names, "C"), "control", "check")
     known = np.isin(np.char.array(names).astype(str), [n for n in names if n[0] in "CK"])
     ground = pd.DataFrame({"point": names})
@@ -242,10 +278,16 @@ def fly(world: World, date: Date, draw: np.random.Generator, name: str) -> Block
     stations = pd.DataFrame({"image": image})
     stations[["x", "y", "z"]] = gnss
     stations[["sx", "sy", "sz"]] = sigma
-    lens = {"width": WIDTH, "height": HEIGHT, "f": FOCAL, "cx": CENTRE[0], "cy": CENTRE[1]}
+    lens = {
+        "width": WIDTH,
+        "height": HEIGHT,
+        "f": FOCAL * date.tele,
+        "cx": CENTRE[0],
+        "cy": CENTRE[1],
+    }
     lens |= {"k1": -0.02, "k2": 0.01, "calibrated": date.calibrated}
     camera = Camera.from_table("A", lens)
-    return Block(
+    block = Block(
         name=name,
         cameras={"A": camera},
         images=images,
@@ -266,11 +308,12 @@ def fly(world: World, date: Date, draw: np.random.Generator, name: str) -> Block
             }
         ),  # fmt: skip
         ground=ground,
-        gnss=stations,
+        gnss=stations[:0] if date.no_gnss else stations,
         sigma={"tie_px": 0.3, "mark_px": 0.3},
         lever_arm={"default": (0.0, 0.0, 0.0)},
         lever_arm_fixed=True,
     )
+    return block if date.part == 1.0 else block.select(images=image[along < date.part * 12.0 * m])
 
 
 def _survey(world: World) -> np.ndarray:
@@ -357,6 +400,10 @@ def _whole(names, xyz):
     return np.array([1.0, 0.0, 0.0])
 
 
+def _higher(by: float):
+    return lambda names, xyz: np.array([0.0, 0.0, by])
+
+
 def _geoid(names, xyz):
     """Given heights follow a geoid that slopes by 1 mm a metre."""
     return np.outer(xyz[:, 0] - START[0], [0.0, 0.0, 1e-3])
@@ -395,7 +442,22 @@ KINDS = {
     "lens cools": {"focal": _cooling},
     "drop on the lens": {"spot": 2.0},
     "mark of C1 5 px off": {"mark": 5.0},
+    "another lens": {"tele": 1.2},
+    "half of the corridor": {"part": 0.5},
+    "control 30 m higher": {"control": _higher(30.0)},
+    "control 1 mm higher": {"control": _higher(0.001)},
+    "no GNSS": {"no_gnss": True},
+    "marks painted anew": {"painted": 0.05},
+    "marks painted anew, not surveyed": {"painted": 0.05, "surveyed": False},
+    "same folder": {},
+    "GNSS jump": {"jump": (0.3, 0.2, 0.4)},
+    "GNSS 5 x its sigma": {"gnss_factor": 5.0},
+    "focus jump": {"lens": (1e-3, 0.0, 0.0)},
+    "lorries": {"parked": 3.0},
+    "water 0.4 m lower": {"water_level": 12.1},
 }
+# What the first date has of these kinds too, with its own value.
+BOTH = {"water 0.4 m lower": {"water_level": 12.5}}
 # Verdicts that are right where the ground does not move, for kinds where one is.
 RIGHT = {
     "rest": {"nothing"},
@@ -418,74 +480,170 @@ RIGHT = {
     "moving water": {"nothing", "undecided", "unfit"},
     "GNSS 3 x its sigma": {"nothing"},
     "slow GNSS": {"nothing"},
+    # No effect of the catalogue is one: not to be told, or gone where control holds the flights.
+    "a readout an image": {"camera", "unfit", "undecided"},
+    "lens of F2": {"camera", "unfit"},
+    "focus hunts": {"nothing", "camera"},
+    "vibration": {"nothing"},
+    "GNSS 20 mm, no control": {"nothing"},
+    "vegetation": {"cover", "nothing"},
+    "lens cools": {"nothing", "camera"},
+    "drop on the lens": {"nothing", "camera", "unfit"},
+    "mark of C1 5 px off": {"nothing", "unfit"},
+    "another lens": {"nothing"},
+    "half of the corridor": {"nothing"},
+    "control 30 m higher": {"refused"},
+    "control 1 mm higher": {"nothing"},
+    "no GNSS": {"nothing"},
+    "marks painted anew": {"unfit"},
+    "marks painted anew, not surveyed": {"unfit"},
+    "same folder": {"nothing"},
+    "GNSS jump": {"nothing", "unfit"},
+    "GNSS 5 x its sigma": {"nothing", "unfit"},
+    "focus jump": {"camera", "nothing", "unfit"},
+    "lorries": {"nothing", "cover"},
+    "water 0.4 m lower": {"cover", "nothing"},
 }
-# Kinds that are flown with a motion of the ground too, and how deep it is, m.
+# Kinds that are flown with a motion of the ground too, and which.
+BOWL = Motion((0.0, 0.0, -0.12))
+MOTIONS = {
+    "bowl": BOWL,
+    "slide": Motion((0.02, -0.15, -0.03), 110.0, 40.0),
+    "settlement": Motion((0.0, 0.0, -0.07), 45.0, 40.0),
+}
 MOVING = ("rest", "readout 20 ms", "readout 20 ms, turning", "crop of F2", "control point 0.10 m")
-BOWL = 0.12
-STATION, RADIUS = 70.0, 30.0
+# What a first sentence says, by the words it begins with, and verdicts that may say so.
+SAYS = {
+    "The ground moved: ": {"moved"},
+    "No change is significant": {"nothing"},
+    "The camera explains it": {"camera"},
+    "Not the ground": {"cover"},
+    "Cannot be determined: ": {"unfit"},
+    "Ground and camera cannot be told apart": {"undecided"},
+}
 
 
-def pair(kind: str, seed: int, moving: bool = False, images: int = 14, count: int = 1800):
+def pair(kind: str, seed: int, motion: Motion | None = None, images: int = 14, count: int = 1800):
     """Both dates (two blocks) of one draw."""
     draw = np.random.default_rng(seed)
     world = World.of(draw, images, count)
     wrong = dict(KINDS[kind])
     if wrong.get("readout") is not None and isinstance(wrong["readout"], str):
         wrong["readout"] = draw.uniform(0.005, 0.04, 2 * images)
-    if moving:
-        wrong["motion"] = lambda xyz: np.outer(_bowl(xyz[:, :2], BOWL), [0.0, 0.0, 1.0])
     later = world.seen_again(draw)
     both = {name: wrong[name] for name in ("without", "calibrated") if name in wrong}
-    return fly(world, Date(**both), draw, "a"), fly(later, Date(**wrong), draw, "b")
+    first = fly(world, Date(**both | BOTH.get(kind, {})), draw, "a")
+    if kind == "same folder":
+        return first, first
+    return first, fly(later, Date(**wrong, motion=motion), draw, "b")
 
 
-def told(kind: str, moving: bool, k: int) -> dict:
-    """What is said of a draw: the verdict; place, sign and size right, where a motion is named."""
-    found = corridor.change(*pair(kind, 1000 + k, moving))
-    out = {"verdict": found.verdict, "place": False, "size": False, "sign": False}
-    if not (moving and found.verdict == "moved"):
+def told(kind: str, motion: Motion | None, k: int) -> dict:
+    """What is said of a draw, and whether the words of the first sentence are true.
+
+    verdict; sentence; words: whether it says the verdict; errors: mean squares over the variances
+    of points, surface and volume, where all stands still; detection, m. With a motion: place, sign,
+    size by the words.
+    """
+    seed = 1000 + k
+    try:
+        found = corridor.change(*pair(kind, seed, motion), polygons={"all": CREST})
+    except InputError as error:
+        out = {"verdict": "refused", "sentence": str(error), "detection": np.nan, "words": True}
+        return out | {"errors": [np.nan] * 3, "place": False, "sign": False, "size": False}
+    said = verdict_sentence(found)
+    out = {
+        "verdict": found.verdict,
+        "sentence": said,
+        "detection": np.median(found.surface.detection),
+    }
+    out["words"] = any(said.startswith(a) and found.verdict in b for a, b in SAYS.items())
+    if motion is None:
+        points, surface, volume = found.points, found.surface, found.volumes["all"]
+        free = ~points.held
+        out["errors"] = [
+            np.mean((points.shift[free] / points.sigma[free]) ** 2),
+            np.mean((surface.distance / surface.total) ** 2),
+            (volume.value / volume.total) ** 2,
+        ]
         return out
-    points, patches = found.points, found.final.patches
-    if len(points.leading):
-        first = points.leading[0]
-        where, (value, sigma) = points.xyz[first], (points.shift[first, 2], points.sigma[first, 2])
-        true = _bowl(where[None, :2], BOWL)[0]
+    return out | (true_words(said, found, World.of(np.random.default_rng(seed)), motion))
+
+
+# How a sentence gives a size: of a height, or horizontally; and a place.
+_SIZE = re.compile(
+    r"(sank|rose|moved) by (\d+\.?\d*) \u00b1 (\d+\.?\d*) mm(?: horizontally \(towards (\d+))?"
+)
+_PLACE = re.compile(r"station (-?\d+) m, (?:(\d+) m to the (left|right)|on its axis)")
+
+
+def true_words(said: str, found, world: World, motion: Motion) -> dict:
+    """Whether place (10 m), sign and size (2 sigmas) in a sentence are those of the motion."""
+    size, place = _SIZE.search(said), _PLACE.search(said)
+    if not (said.startswith("The ground moved: ") and size and place):
+        return {"place": False, "sign": False, "size": False}
+    point = re.search(r"moved: point (\w+)", said)
+    if point:
+        xyz = world.marks[point[1]][None]
+        true = motion(xyz)[0]
     else:
-        one = max(patches, key=lambda p: abs(p.change / p.sigma))
-        cores = found.surface.cores.xyz[one.rows]
-        where = np.average(cores, axis=0, weights=found.surface.distance[one.rows] ** 2)
-        value, sigma, true = one.change, one.sigma, _bowl(cores[:, :2], BOWL).mean()
-    away = np.linalg.norm(where[:2] - START - [STATION, 0.0])
-    return out | {
-        # A point in the bowl is in the right place wherever it stands there.
-        "place": away < (RADIUS if len(points.leading) else 10.0),
-        "sign": bool(value < 0),
-        "size": bool(abs(value - true) < 2.0 * sigma),
+        one = max(found.final.patches, key=lambda p: abs(p.change / p.sigma))
+        xyz = np.array([[*(START + [motion.station, 0.0]), 0.0]])
+        true = motion(found.surface.cores.xyz[one.rows]).mean(axis=0)
+    stated = float(place[1]), float(place[2] or 0.0) * (-1.0 if place[3] == "right" else 1.0)
+    away = np.hypot(*(found.surface.cores.along(xyz)[:, 0] - stated))
+    value, sigma = 1e-3 * float(size[2]), 1e-3 * float(size[3])
+    if size[4]:
+        truth = float(np.hypot(*true[:2]))
+        turned = np.radians(float(size[4])) - np.arctan2(true[0], true[1])
+        sign = np.cos(turned) > 0.0
+    else:
+        truth, sign = abs(true[2]), (size[1] == "rose") == (true[2] > 0.0)
+    moves = bool(np.abs(true).max() > 0.0)
+    return {
+        "place": bool(moves and away < 10.0),
+        "sign": bool(moves and sign),
+        "size": bool(abs(value - truth) < 2.0 * sigma + 5e-4),
     }
 
 
-def rates(draws: int, folder: Path | None = None, kinds=tuple(KINDS), moving=MOVING) -> dict:
-    """By kind: verdicts, share of `moved` where nothing moved, share of right verdicts."""
+# Corners of an area of which the volume is compared: all of the ground that is seen well.
+CREST = START + np.array([[0.0, -20.0], [150.0, -20.0], [150.0, 20.0], [0.0, 20.0]])
 
-    def every(kind, moves):
-        draw = partial(told, kind, moves)
+
+def rates(draws: int, folder: Path | None = None, kinds=tuple(KINDS), moving=MOVING) -> dict:
+    """By kind: verdicts, `moved` where nothing moved, shares of right verdicts and words."""
+
+    def every(kind, name=None):
+        draw = partial(told, kind, MOTIONS.get(name))
         if folder is None:
             return [draw(k) for k in range(draws)]
-        return kept(folder / f"{kind}{', moving' if moves else ''}", range(draws), draw)
+        return kept(folder / f"{kind}{f', {name}' if name else ''}", range(draws), draw)
 
-    out, false = {}, 0
+    out, false, errors = {}, 0, []
     for kind in kinds:
-        found = [str(one["verdict"]) for one in every(kind, False)]
+        each = every(kind)
+        found = [str(one["verdict"]) for one in each]
         false += found.count("moved")
         out[kind] = {"verdicts": dict(Counter(found)), "moved": _share(v == "moved" for v in found)}
-        if kind in RIGHT:
-            out[kind]["right"] = _share(v in RIGHT[kind] for v in found)
+        out[kind]["right"] = _share(v in RIGHT[kind] for v in found)
+        out[kind]["words"] = _share(one["words"] for one in each)
+        out[kind]["detection"] = float(np.median([one["detection"] for one in each]))
+        if kind in ("rest", "outliers 2 %", "no GNSS", "another lens"):
+            errors += [one["errors"] for one in each]
     out["moved where nothing moved"] = Rate(false, draws * len(kinds)).to_dict()
+    if len(errors) > 1:
+        names = ("points", "surface", "volume")
+        out["errors over sigma"] = {
+            name: ratio(squares) for name, squares in zip(names, np.array(errors).T, strict=True)
+        }
     for kind in moving:
-        found = every(kind, True)
-        verdicts = Counter(str(one["verdict"]) for one in found)
-        right = {what: _share(one[what] for one in found) for what in ("place", "sign", "size")}
-        out[f"{kind}, moving"] = {"verdicts": dict(verdicts), **right}
+        for name in MOTIONS:
+            found = every(kind, name)
+            verdicts = Counter(str(one["verdict"]) for one in found)
+            what = ("words", "place", "sign", "size")
+            right = {name: _share(one[name] for one in found) for name in what}
+            out[f"{kind}, {name}"] = {"verdicts": dict(verdicts), **right}
     return out
 
 
@@ -506,7 +664,8 @@ def main(arguments: list[str] | None = None) -> None:
     for draws in range(1, options.draws + 1):
         found = rates(draws, options.output / "draws", kinds, moving)
     for kind, one in found.items():
-        print(kind, one.get("verdicts", one), one.get("right", {}).get("share", ""))
+        words = [f"{what} {v['share']:.2f}" for what, v in one.items() if "share" in str(v)]
+        print(kind, one["verdicts"], *words) if "verdicts" in one else print(kind, one)
     with whole_file(options.output / "two_dates.json") as part:
         write_json(found, part)
 

@@ -22,7 +22,7 @@ from scipy.stats import chi2
 from corridor.core.adjustment import Adjustment
 from corridor.core.block import Block
 from corridor.core.effects import find
-from corridor.core.errors import some
+from corridor.core.errors import InputError, some
 from corridor.core.output import counted, fixed
 from corridor.tools.change.joint import SAME_M
 from corridor.tools.change.points import PointChanges
@@ -116,16 +116,33 @@ class Coordinates:
             return
         median = np.median(self.difference[self.differ], axis=0)
         left = np.abs(self.difference[self.differ] - median).max()
+        which = (
+            f"{self.differ.sum()} of {len(self.differ)} ground points have other coordinates in "
+            "the second ground.csv than in the first"
+        )
+        if left > np.abs(median).max():
+            yield Objection(
+                BOTH_DATES,
+                f"have control that is not the same: {which}, each by another amount, up to "
+                f"{np.linalg.norm(self.difference[self.differ], axis=1).max():.3f} m",
+                "Give each point that was painted anew, or moved, a name of its own at the second "
+                "date, and correct the coordinates of the others.",
+            )
+            return
         by = ", ".join(f"{v:+.3f}" for v in median)
         more = "" if left < 0.2 * np.abs(median).max() else f", and up to {left:.3f} m more"
         yield Objection(
             BOTH_DATES,
-            f"have two datums: {self.differ.sum()} of {len(self.differ)} ground points have other "
-            f"coordinates in the second ground.csv than in the first, by ({by}) m in the median"
-            f"{more}",
+            f"have two datums: {which}, by ({by}) m in the median{more}",
             "Bring both surveys into one system (same base, geoid and projection), or lay both "
             "dates together on what stands still (--datum stable).",
         )
+
+    def check(self, largest: float) -> None:
+        """Raises InputError where two datums lie farther apart than ground moves, m."""
+        for one in self.objections():
+            if np.linalg.norm(np.median(self.difference[self.differ], axis=0)) > largest:
+                raise InputError(f"{one.who} {one.what}. {one.remedy}")
 
     def notes(self) -> Iterator[str]:
         """Points whose coordinates differ, by name."""

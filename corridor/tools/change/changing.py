@@ -89,6 +89,8 @@ def change(
     run = _Run(model or Model(), asked, threads, telling(progress), blocks)
     # Laid together on what stands still, dates may have other coordinates.
     surveys = None if asked.datum == "stable" else Coordinates.of(*blocks)
+    if surveys is not None:
+        surveys.check(asked.largest)
     mistaken = [] if surveys is None else surveys.mistaken
     run.without_control(mistaken)
     adjusted = tuple(

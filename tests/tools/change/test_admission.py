@@ -7,6 +7,7 @@ from scipy.stats import binom
 import corridor
 from benchmarks import two_dates
 from corridor.core.effects import candidates
+from corridor.core.errors import InputError
 from corridor.tools.change import Signatures
 from corridor.tools.change.admission import Coordinates, misfits
 from corridor.tools.change.epoch import Epoch
@@ -68,6 +69,19 @@ class TestCoordinates:
         names = [f"C{k}" for k in range(6)] + ["K0", "K1"]
         (one,) = self.dates({name: (0.0, 0.2, 0.0) for name in names}).objections()
         assert "8 of 11 ground points" in one.what and "(+0.000, +0.200, +0.000) m" in one.what
+
+    def test_heights_of_another_system_are_refused_as_such(self):
+        names = [f"C{k}" for k in range(6)] + [f"K{k}" for k in range(5)]
+        found = self.dates(dict.fromkeys(names, (0.0, 0.0, 30.0)))
+        with pytest.raises(InputError, match=r"two datums: 11 of 11 .*\+30\.000"):
+            found.check(5.0)
+        found.check(50.0)
+
+    def test_marks_that_were_painted_anew_are_no_datum(self):
+        turned = np.linspace(0.0, 2 * np.pi, 7)[:6]
+        shift = {f"C{k}": (0.05 * np.cos(t), 0.05 * np.sin(t), 0.0) for k, t in enumerate(turned)}
+        (one,) = self.dates(shift).objections()
+        assert "6 of 11" in one.what and "up to 0.050 m" in one.what and "datum" not in one.what
 
     def test_two_surveys_of_the_same_points_agree(self):
         """Noise as stated, of both: one in a thousand pairs would differ."""
@@ -133,5 +147,6 @@ class TestPatches:
 
 
 def test_a_settlement_beside_a_shutter_is_said_with_its_place_and_sign():
-    told = two_dates.told("readout 20 ms", True, 0)
-    assert told["verdict"] == "moved" and told["place"] and told["sign"] and told["size"]
+    told = two_dates.told("readout 20 ms", two_dates.BOWL, 0)
+    assert told["verdict"] == "moved" and told["words"]
+    assert told["place"] and told["sign"] and told["size"]
