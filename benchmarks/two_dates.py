@@ -515,6 +515,7 @@ MOVING = ("rest", "readout 20 ms", "readout 20 ms, turning", "crop of F2", "cont
 # What a first sentence says, by the words it begins with, and verdicts that may say so.
 SAYS = {
     "The ground moved: ": {"moved"},
+    "The surface moved: ": {"moved"},
     "No change is significant": {"nothing"},
     "The camera explains it": {"camera"},
     "Not the ground": {"cover"},
@@ -580,7 +581,7 @@ _PLACE = re.compile(r"station (-?\d+) m, (?:(\d+) m to the (left|right)|on its a
 def true_words(said: str, found, world: World, motion: Motion) -> dict:
     """Whether place (10 m), sign and size (2 sigmas) in a sentence are those of the motion."""
     size, place = _SIZE.search(said), _PLACE.search(said)
-    if not (said.startswith("The ground moved: ") and size and place):
+    if not (said.startswith(("The ground moved: ", "The surface moved: ")) and size and place):
         return {"place": False, "sign": False, "size": False}
     point = re.search(r"moved: point (\w+)", said)
     if point:

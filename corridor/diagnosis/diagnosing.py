@@ -181,7 +181,7 @@ def _diagnose(
         notes=[
             *doubtful,
             *implausible(before),
-            *different_arms(before),
+            *different_arms(after),
             *unseen_statements(block, found, limits),
             *cannot_separate(block, inseparable[:2]),
             *course.notes,

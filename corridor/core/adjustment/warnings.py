@@ -158,7 +158,8 @@ def different_arms(a: Tables) -> Iterator[str]:
             f"The lever arms of flights {arms['flight'].iloc[0]} and {arms['flight'].iloc[k]} "
             f"differ by ({vector}) m (x, y, z of the camera frame), though one camera flew both: "
             "were the positions computed from another base, in another height system, or for "
-            "another antenna height, or is its focal length another one?"
+            "another antenna height, or is its focal length another one? A shutter or a clock that "
+            "is missing from the model does the same: `corridor diagnose` finds out."
         )
 
 

@@ -100,7 +100,11 @@ def _moved(found) -> str:
             f"{millimetres(abs(one.change), one.sigma)} in the mean, around station "
             f"{one.station:.0f} m, {_aside(one.across)}."
         )
-        said.append(f"A {what}" if said else f"The ground moved: a {what}")
+        alone = (
+            f"The surface moved: a {what} No marked point says whether it is the ground, or what "
+            "stands, grows or flows on it."
+        )
+        said.append(f"A {what}" if said else alone)
     return " ".join(said)
 
 
