@@ -9,6 +9,7 @@ they are, and reference.txt holds the camera centres that GNSS gives (image x y 
 model_aligner reads them). COLMAP itself knows neither.
 """
 
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
@@ -205,6 +206,12 @@ class _Model:
 
     def project(self) -> Project:
         """The project of the model. Raises InputError where the files contradict each other."""
+        twice = next((name for name, times in Counter(self.names).items() if times > 1), None)
+        if twice is not None:
+            raise InputError(
+                f"{self.folder}: two images are named {twice!r}, and a COLMAP model has each name "
+                "once; write the model again, with the folders of the photographs in their names"
+            )
         rotation, translation = self._poses()
         ties = self._ties()
         pieces = Contents(
