@@ -138,10 +138,16 @@ class Coordinates:
             "dates together on what stands still (--datum stable).",
         )
 
-    def check(self, largest: float) -> None:
-        """Raises InputError where two datums lie farther apart than ground moves, m."""
+    def check(self, largest: float, flown: np.ndarray) -> None:
+        """Raises InputError where two datums lie farther apart than ground moves, m.
+
+        flown (3,): from the images of the first date to those of the second, m. Where these lie
+        elsewhere by the same vector it is another place, which is told later.
+        """
         for one in self.objections():
-            if np.linalg.norm(np.median(self.difference[self.differ], axis=0)) > largest:
+            apart = np.median(self.difference[self.differ], axis=0)
+            size = np.linalg.norm(apart)
+            if size > largest and not np.linalg.norm(apart - flown) < 0.5 * size:
                 raise InputError(f"{one.who} {one.what}. {one.remedy}")
 
     def notes(self) -> Iterator[str]:

@@ -90,7 +90,8 @@ def change(
     # Laid together on what stands still, dates may have other coordinates.
     surveys = None if asked.datum == "stable" else Coordinates.of(*blocks)
     if surveys is not None:
-        surveys.check(asked.largest)
+        first, second = (np.median(block.poses[:, :3], axis=0) for block in blocks)
+        surveys.check(asked.largest, second - first)
     mistaken = [] if surveys is None else surveys.mistaken
     run.without_control(mistaken)
     adjusted = tuple(

@@ -74,8 +74,9 @@ class TestCoordinates:
         names = [f"C{k}" for k in range(6)] + [f"K{k}" for k in range(5)]
         found = self.dates(dict.fromkeys(names, (0.0, 0.0, 30.0)))
         with pytest.raises(InputError, match=r"two datums: 11 of 11 .*\+30\.000"):
-            found.check(5.0)
-        found.check(50.0)
+            found.check(5.0, np.zeros(3))
+        found.check(50.0, np.zeros(3))
+        found.check(5.0, np.array([0.3, 0.1, 30.0]))
 
     def test_marks_that_were_painted_anew_are_no_datum(self):
         turned = np.linspace(0.0, 2 * np.pi, 7)[:6]
