@@ -35,12 +35,12 @@ from corridor.diagnosis.anomalies.wrong_matches import broken_picture, outlier_c
 from corridor.diagnosis.findings.diagnosed import Diagnosed
 from corridor.diagnosis.findings.findings import Findings
 from corridor.diagnosis.findings.separation import not_separated
-from corridor.diagnosis.findings.verdict import detection_limits, findings, unseen_statements
+from corridor.diagnosis.findings.verdict import detection_limits, findings
 from corridor.diagnosis.forward_selection import Question, course_of
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.report import actions, as_html, as_text, evidence, save, sentence
 from corridor.diagnosis.report.beside import beside
-from corridor.diagnosis.report.wording import cannot_separate
+from corridor.diagnosis.report.wording import cannot_separate, unseen_statements
 from corridor.diagnosis.settings import Settings, using
 from corridor.diagnosis.verification.halves import compare_halves
 from corridor.diagnosis.verification.held_out import check_sigmas

@@ -191,7 +191,10 @@ def course_of(
         if factor is not None:
             believed.restate_positions(factor, one.adjustment)
             course.first = first = believed.adjust()
-            adjustment = believed.adjust(course.members(model)) if model else first
+            try:
+                adjustment = believed.adjust(course.members(model)) if model else first
+            except (InputError, AdjustmentFailed):
+                model, adjustment = [], first
             one = _round(course, adjustment, believed, model, threshold)
         threshold = one.threshold
         course.rounds.append(one)

@@ -164,7 +164,7 @@ class TestPositionsThatJump:
         (one,) = found.unknown
         assert one["group"] == "gnss_step" and not found.effects
         assert np.abs(np.array(one["location"]["jump_m"]) - [0.3, -0.2, 0.5]).max() < 0.05
-        assert "another fix or base station), by (+0." in found.sentence
+        assert "another fix or base), by (+0." in found.sentence
         assert any("receiver's log" in step for step in found.actions)
         assert found.gap["check_m"]["after"] < 0.015 < found.gap["check_m"]["before"]
 

@@ -32,7 +32,7 @@ def test_a_survey_worse_than_stated_is_no_error_of_single_points(sigma):
     assert found.gap["check_m"]["after"] < found.gap["check_m"]["before"]
     assert any("control_m" in step for step in found.actions)
     rms = np.sqrt((off**2).sum(axis=1).mean())
-    told = float(found.unknown[0]["where"].split(" mm")[0])
+    told = float(found.unknown[0]["where"].split(", ")[-1].split(" mm")[0])
     assert told == pytest.approx(1000 * rms, rel=0.3)
 
 

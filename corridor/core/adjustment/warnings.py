@@ -29,7 +29,6 @@ LONG_ARM_M = 5.0
 # Lever arms of one camera in two flights are another's beyond this many sigmas and this size, m,
 # which no mounting moves by.
 _SURE_OF_ARMS, _OTHER_ARM_M = 5.0, 0.1
-_ARM_SIGMAS = ("sx", "sy", "sz")
 # Residuals of control, in sigmas, from which on a search for what is wrong is worth its time.
 _LOOK = 2.5
 # Control that is stated this coarsely, m, and by points that are several fits to this share of it.
@@ -141,7 +140,7 @@ def different_arms(a: Tables) -> Iterator[str]:
     at = [p.images.flight_names.index(name) for name in arms["flight"]]
     camera = [set(p.images.camera[p.images.flight == k]) for k in at]
     stated = p.start.arms[at]
-    value, sigma = (arms[list(names)].to_numpy(float) for names in (("x", "y", "z"), _ARM_SIGMAS))
+    value, sigma = (arms[names].to_numpy(float) for names in (["x", "y", "z"], ["sx", "sy", "sz"]))
     alike = a.correlation_matrix
     for k in range(1, len(arms)):
         away = value[k] - value[0]

@@ -20,6 +20,7 @@ from corridor.core.effects.contract import (
 )
 from corridor.core.effects.correction import correct
 from corridor.core.effects.forward import Prediction, add, predict, stated_lever_arms, take_out
+from corridor.core.effects.moments import AtMoments
 from corridor.core.effects.registry import (
     believed_of,
     every_effect,

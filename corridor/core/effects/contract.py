@@ -172,10 +172,6 @@ class Effect(ABC):
         """The effect as this block's data let it be: other parameters, another group."""
         return self
 
-    def with_moments(self, times: tuple[float, ...]) -> "Effect":
-        """The effect with more moments, s, where it is one that changes at moments."""
-        return self
-
     def stated(self, block: Block) -> dict[str, float | dict[str, float]] | None:
         """Values that the block itself states, `{parameter: number or {group: number}}`, or None.
 

@@ -22,7 +22,7 @@ class AtMoments(LinearEffect):
     def with_moments(self, times: tuple[float, ...]) -> "AtMoments":
         """With other moments beside those that it has by itself."""
         out = copy(self)
-        out.more = times or self.more
+        out.more = times
         return out
 
     def moments(self, images: Images) -> np.ndarray:

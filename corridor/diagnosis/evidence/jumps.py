@@ -13,7 +13,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from corridor.core.effects import Effect
+from corridor.core.effects import AtMoments, Effect
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.search import Found
 
@@ -24,19 +24,26 @@ _MOST = 2
 def with_jumps(effects: Iterable[Effect], evidence: Evidence, found: Found) -> list[Effect]:
     """The effects, those of moments with the moments at which values of images jump that were
     found, of the same place."""
+    effects = list(effects)
+    places = {effect.place for effect in effects if isinstance(effect, AtMoments)}
     images = evidence.reduced.elimination.equations.system.images
     times = dict(zip(images.names, images.time, strict=True))
     moments: dict[str, tuple[float, ...]] = {}
     for n in found.chosen:
         group = evidence.groups[n]
-        if group.own is None or not group.generic:
+        if group.own is None or not group.generic or group.effect.place not in places:
             continue
         time = np.array([times[name] for name in dict.fromkeys(name for name, *_ in group.labels)])
         if np.isfinite(time).all() and len(time) > _MOST + 1:
             order = np.argsort(time, kind="stable")
             values = evidence.of_each_image(found.chosen, n).reshape(len(time), -1)
             moments[group.effect.place] = jumps(values[order], time[order])
-    return [effect.with_moments(moments.get(effect.place, ())) for effect in effects]
+    return [
+        effect.with_moments(moments[effect.place])
+        if isinstance(effect, AtMoments) and effect.place in moments
+        else effect
+        for effect in effects
+    ]
 
 
 def jumps(values: np.ndarray, time: np.ndarray) -> tuple[float, ...]:

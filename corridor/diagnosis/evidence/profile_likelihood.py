@@ -14,7 +14,7 @@ import numpy as np
 from corridor.core.adjustment import LinearSystem
 from corridor.diagnosis.evidence.evidence import Evidence, Size, near_the_best
 from corridor.diagnosis.evidence.search import Found
-from corridor.diagnosis.noise.gnss import GnssNoise, stated_noise
+from corridor.diagnosis.noise.gnss import GnssNoise, bounds, stated_noise
 from corridor.diagnosis.noise.likelihood import Arguments, Likely, estimate, value_of
 from corridor.diagnosis.settings import SETTINGS
 from corridor.diagnosis.system.elimination import Elimination, too_wide
@@ -51,7 +51,11 @@ class NoiseModel:
         self._found: dict[tuple, Likely] = {}
         if self.few:
             return
-        self.stated = stated_noise(made.equations.system, _redundancy(made))
+        redundancy = _redundancy(made)
+        self.stated = stated_noise(made.equations.system, redundancy)
+        # Of code solutions nobody expects more than is stated.
+        fixed = np.isfinite(self.stated.most[1]).all()
+        self._followed = bool(fixed and not bounds(redundancy).all())
         self.arguments = Arguments(self.stated)
         self._near = None if near is None else self.arguments.of(near)
         self._base = made.log_probability
@@ -61,7 +65,7 @@ class NoiseModel:
         """Factors (flights, 3) on stated standard deviations so small that cameras follow the
         positions, beside what has been adjusted; None where what is stated can be asked as it
         is."""
-        if self.few or not (np.isinf(self.stated.most[0]) & np.isfinite(self.stated.most[1])).any():
+        if self.few or not self._followed:
             return None
         factor = self._likely(self.start).noise.white
         large = (factor > SETTINGS.white_of_scatter).any(axis=1, keepdims=True)

@@ -48,10 +48,10 @@ def _ground(system, effect, control, table) -> tuple[str, dict]:
     size = np.linalg.norm(shift - np.median(shift, axis=0), axis=1)
     worst = int(np.argmax(size))
     x, y = (float(v) for v in given[worst, :2])
-    each = f"{1000 * np.sqrt(np.mean(size**2)):.0f} mm (3D RMS), " if len(table) > 1 else ""
+    every = f", {1000 * np.sqrt(np.mean(size**2)):.0f} mm RMS of all" if len(table) > 1 else ""
     return (
-        f"{each}largest at control point {control[worst]}, x = {x:.0f} m, y = {y:.0f} m: "
-        f"{1000 * size[worst]:.0f} mm",
+        f"largest at control point {control[worst]}, x = {x:.0f} m, y = {y:.0f} m: "
+        f"{1000 * size[worst]:.0f} mm{every}",
         {"x": x, "y": y},
     )
 

@@ -7,16 +7,13 @@ and cannot be told apart from it all the same.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from corridor.core.block import Block
-from corridor.core.effects import EffectValues, every_effect
-from corridor.core.errors import InputError
+from corridor.core.effects import EffectValues
 from corridor.core.geometry import jackknife, sigma_by_test
-from corridor.core.output import scaled
 from corridor.diagnosis.evidence.evidence import Evidence, Spectrum, inverted
 from corridor.diagnosis.evidence.profile_likelihood import signs
 from corridor.diagnosis.findings.findings import Estimate, Findings, Unknown
@@ -342,34 +339,4 @@ def detection_limits(one: Round) -> dict[str, dict[str, float | None]]:
             limit = None if size > SETTINGS.implausible_size else float(size * group.scale[k])
             best = mine.get(name)
             mine[name] = limit if best is None else (max(best, limit) if limit else best)
-    return out
-
-
-def unseen_statements(
-    block: Block, found: Findings, limits: Mapping[str, Mapping[str, float | None]]
-) -> list[str]:
-    """A sentence on each value that the block states of an effect, and that it would have shown.
-
-    limits: as of `detection_limits`.
-    """
-    seen = {slug for one in found.effects for slug in (one.slug, *one.alternatives)}
-    out = []
-    for effect in every_effect():
-        mine = limits.get(effect.slug, {})
-        if effect.slug in seen or not any(mine.values()):
-            continue
-        try:
-            stated = effect.form(block).stated(block) or {}
-        except InputError:  # one for each camera, and not of all
-            continue
-        for parameter in effect.parameters(block):
-            value, limit = stated.get(parameter.name), mine.get(parameter.name)
-            if isinstance(value, float) and limit and limit < abs(value) <= parameter.most:
-                factor, unit = scaled(parameter.unit, value)
-                out.append(
-                    f"block.toml states {effect.called} with {parameter.name} {factor * value:.3g} "
-                    f"{unit}, and the images show none: it would have been seen from "
-                    f"{factor * limit:.2g} {unit} on. Is it that of another camera, or were the "
-                    "images corrected for it?"
-                )
     return out

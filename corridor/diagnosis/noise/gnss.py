@@ -183,6 +183,11 @@ def stated_noise(system: LinearSystem, redundancy: np.ndarray | float = 1.0) -> 
     )
 
 
+def bounds(redundancy: np.ndarray | float) -> np.ndarray:
+    """Whether the scatter of residuals bounds that of positions (3,) with this redundancy."""
+    return np.broadcast_to(redundancy, 3) * SETTINGS.white_of_scatter > 1.0
+
+
 def most_of_class(system: LinearSystem, redundancy: np.ndarray | float = 1.0) -> np.ndarray:
     """Largest white and slow part (2, 3) m of antenna positions, by their class.
 
@@ -202,5 +207,6 @@ def most_of_class(system: LinearSystem, redundancy: np.ndarray | float = 1.0) ->
     if np.maximum(stated, scatter)[:2].max() > SETTINGS.carrier_phase_plan:
         return np.full((2, 3), np.inf)
     slow = np.maximum(SETTINGS.carrier_phase_slow, np.minimum(stated, scatter))
-    told = np.broadcast_to(redundancy, 3) * SETTINGS.white_of_scatter > 1.0
-    return np.array([np.where(told, SETTINGS.white_of_scatter * scatter, np.inf), slow])
+    return np.array(
+        [np.where(bounds(redundancy), SETTINGS.white_of_scatter * scatter, np.inf), slow]
+    )

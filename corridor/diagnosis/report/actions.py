@@ -98,9 +98,10 @@ def _told_apart(d: Diagnosed) -> list[str]:
 def _looked_at(d: Diagnosed) -> list[str]:
     """Where something outside the catalogue shows."""
     known, found = effects_by_slug(), [one for one in d.findings.unknown if one.kind == "unknown"]
+    found = [one for one in found if one.group not in known or not known[one.group].remedy]
     if not found:
         return []
-    antenna = known[found[0].group].place == "antenna"
+    antenna = found[0].group in known and known[found[0].group].place == "antenna"
     look = "up in the receiver's log what happened" if antenna else "at the pictures where it shows"
     return [f"Look {look}: {found[0].where}"]
 

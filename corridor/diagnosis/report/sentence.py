@@ -158,8 +158,8 @@ def _unknown(d: Diagnosed) -> str:
     if all(one.correction == "none" for one in d.findings.unknown):
         return f"{text} The fit takes them for wrong matches, so nothing was added."
     if not all(one.correction == "helps" for one in d.findings.unknown):
-        return f"{text} A smooth shape of it does not help data that the fit has not used."
-    return f"{text} {_effect_of_adding(d, 1, 'a smooth shape of it')}"
+        return f"{text} What was found of it does not help data that the fit has not used."
+    return f"{text} {_effect_of_adding(d, 1, 'what was found of it')}"
 
 
 def _looks_like(d: Diagnosed) -> list[str]:

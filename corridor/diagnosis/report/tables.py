@@ -216,7 +216,9 @@ def evidence(d: Diagnosed) -> pd.DataFrame:
 
 def not_separated(d: Diagnosed) -> pd.DataFrame:
     """Values that hold only as long as another effect is not there."""
-    return pd.DataFrame({"values that hold only alone": cannot_separate(d.block, d.not_separated)})
+    return pd.DataFrame(
+        {"values that another effect would change": cannot_separate(d.block, d.not_separated)}
+    )
 
 
 def limits(d: Diagnosed) -> pd.DataFrame:

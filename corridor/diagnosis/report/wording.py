@@ -8,7 +8,9 @@ from collections.abc import Iterable
 
 from corridor.core.block import Block
 from corridor.core.effects import Effect, every_effect
+from corridor.core.errors import InputError
 from corridor.core.output import rounded, scaled
+from corridor.diagnosis.findings.findings import Findings
 
 
 def value_and_sigma(parameter: dict) -> tuple[str, str, str]:
@@ -116,4 +118,31 @@ def cannot_separate(block: Block, rows: list[dict]) -> list[str]:
             f"it is known to {factor * one['sigma_beside']:.2g} {unit}, not to "
             f"{factor * one['sigma']:.2g}."
         )
+    return out
+
+
+def unseen_statements(block: Block, found: Findings, limits: dict) -> list[str]:
+    """A sentence on each value that the block states of an effect, and that it would have shown.
+
+    limits: as of `detection_limits`.
+    """
+    seen = {slug for one in found.effects for slug in (one.slug, *one.alternatives)}
+    out = []
+    for slug, effect in effects_by_slug(block).items():
+        if slug in seen or slug not in limits:
+            continue
+        try:
+            stated = effect.stated(block) or {}
+        except InputError:  # one for each camera, and not of all
+            continue
+        for parameter in effect.parameters(block):
+            value, limit = stated.get(parameter.name), limits[slug].get(parameter.name)
+            if isinstance(value, float) and limit and limit < abs(value) <= parameter.most:
+                factor, unit = scaled(parameter.unit, value)
+                out.append(
+                    f"block.toml states {effect.called} with {parameter.name} {factor * value:.3g} "
+                    f"{unit}, and the images show none: it would have been seen from "
+                    f"{factor * limit:.2g} {unit} on. Is it that of another camera, or were the "
+                    "images corrected for it?"
+                )
     return out

@@ -11,7 +11,7 @@ from corridor.core.effects.contract import LinearEffect, Parameter
 class ControlScatter(LinearEffect):
     slug = "control_scatter"
     title = "Errors of all control points, each its own (given minus true)"
-    called = "a scatter of the ground control beyond its stated standard deviations"
+    called = "ground control that is less accurate than stated"
     place = "ground"
     needs = ("ground.x", "ground.y", "ground.z")
     group = "point"

@@ -11,7 +11,7 @@ from corridor.core.effects.moments import AtMoments
 class GnssStep(AtMoments):
     slug = "gnss_step"
     title = "GNSS positions that jump at a moment and stay off"
-    called = "a sudden and lasting shift of the GNSS positions (another fix or base station)"
+    called = "a sudden and lasting shift of the GNSS (another fix or base)"
     place = "antenna"
     needs = ("gnss.x", "gnss.y", "gnss.z", "images.time_s")
     generic = True
