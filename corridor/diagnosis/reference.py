@@ -221,7 +221,10 @@ class ReferenceModel:
 
 def _from(block: Block, at: Block) -> Block:
     """The block with poses, points and cameras of another of the same as start."""
-    return replace(block, images=at.images, points=at.points, cameras=at.cameras)
+    cameras = {
+        name: one.with_interior(at.cameras[name].interior) for name, one in block.cameras.items()
+    }
+    return replace(block, images=at.images, points=at.points, cameras=cameras)
 
 
 def _refuse_astray(result: Adjustment) -> None:

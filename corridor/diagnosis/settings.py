@@ -160,7 +160,8 @@ class Settings:
     # shape and without, below which the two have to do with each other; of the largest deformation
     # from which on it belongs to the place.
     same_fit_share: float = 0.5
-    # Share of a generic group's evidence from which on a named effect is a part of it.
+    # Share of a generic group's evidence from which on a named effect is a part of it; and of what
+    # turns during a readout show by rows, from which on columns that show it too deny them.
     overlap_share: float = 0.1
     # Standard deviations at which an effect is seen nearly always, and from which on a match has
     # next to no say in the fit.

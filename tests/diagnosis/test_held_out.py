@@ -18,8 +18,6 @@ def fit(tie, check, points=8):
     residual = tie * rng.standard_normal((400, 2))
     names = [f"P{k}" for k in range(points)]
     block = SimpleNamespace(
-        tie_points=np.zeros(400),
-        marks=np.zeros(0),
         ground=pd.DataFrame({"point": names}),
         ground_sigma=lambda: np.zeros((points, 3)),
     )
@@ -29,14 +27,16 @@ def fit(tie, check, points=8):
     )
     return SimpleNamespace(
         system=SimpleNamespace(
-            block=block, image_rows=SimpleNamespace(row=np.arange(400)),
+            block=block, images=SimpleNamespace(names=["A"]),
+            points=SimpleNamespace(names=np.arange(400).astype(str)),
+            image_rows=SimpleNamespace(image=np.zeros(400, dtype=int), point=np.arange(400)),
             residuals=lambda: SimpleNamespace(pixels=residual),
         ),
         check_points=checks, check_rms=SimpleNamespace(d3=check), block=block,
     )  # fmt: skip
 
 
-ROWS = np.arange(400)
+ROWS = pd.MultiIndex.from_product([["A"], np.arange(400).astype(str)])
 
 
 @pytest.mark.parametrize(

@@ -115,6 +115,24 @@ class TestShiftsOfRowsInEachImage:
         case = single("rolling_shutter_rotation", 0.5, images=40, observations=150)
         assert self.found(generate(case, seed).block) == {"rolling_shutter_rotation"}
 
+    def test_pictures_that_bend_along_their_columns_as_well_are_not_called_so(self):
+        """Each by a quadratic of its own, as a lens that is not at rest does."""
+        case = single("rolling_shutter_rotation", 0.5, images=40, observations=150)
+        block = generate(case, 1).twin.copy()
+        (camera,) = block.cameras.values()
+        xy = block.numbers("tie_points", "x", "y")
+        u, v = ((xy - [camera.width / 2, camera.height / 2]) / (camera.width / 2)).T
+        bend = 0.6 * np.random.default_rng(1).standard_normal((len(block.images), 2, 3))
+        shift = np.einsum(
+            "nik,kn->ni", bend[block.image_rows("tie_points")], np.stack([u * u, u * v, v * v])
+        )
+        block.put("tie_points", ("x", "y"), xy + shift)
+        found = diagnose(block)
+        assert [(one["slug"], one["class"]) for one in found.effects] == [
+            ("rolling_shutter_rotation", "suspected")
+        ]
+        assert any("along the columns of the pictures" in note for note in found.notes)
+
     def test_rows_that_shift_are_not_called_so(self):
         hidden = made(12, 4)
         assert hidden.truth["outside"] == ["rows"]
@@ -245,7 +263,9 @@ def test_a_free_network_is_asked_for_what_it_predicts():
     block = flown(camera=replace(CAMLIGHT, calibrated=True))
     block.gnss = block.gnss.iloc[:0]
     one = believed(block, control=[])
-    assert np.isfinite(Prediction.of_folds(one, one, np.zeros(0, dtype=int)).gain).all()
+    assert np.isfinite(
+        Prediction.of_folds(one, one, pd.MultiIndex.from_arrays([[], []])).gain
+    ).all()
 
 
 class TestCheckPointsThatNothingExplains:

@@ -126,10 +126,12 @@ def unseen_statements(block: Block, found: Findings, limits: dict) -> list[str]:
 
     limits: as of `detection_limits`.
     """
+    known, out = effects_by_slug(block), []
     seen = {slug for one in found.effects for slug in (one.slug, *one.alternatives)}
-    out = []
-    for slug, effect in effects_by_slug(block).items():
-        if slug in seen or slug not in limits:
+    # A camera that is seen to move while its rows are read has a readout.
+    read = any(known[slug].during_readout for slug in seen if slug in known)
+    for slug, effect in known.items():
+        if slug in seen or slug not in limits or (read and effect.during_readout):
             continue
         try:
             stated = effect.stated(block) or {}

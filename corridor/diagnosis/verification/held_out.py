@@ -31,8 +31,8 @@ from corridor.diagnosis.noise.image import places, scale_of
 from corridor.diagnosis.settings import SETTINGS
 
 
-def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, np.ndarray]:
-    """The block with some tie observations robbed of their weight, and their rows (k,).
+def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, pd.MultiIndex]:
+    """The block with some tie observations robbed of their weight, and those (k,): image, point.
 
     Points that control the marks are not touched, and every image keeps most of its points. They
     are those of one fold, all that can be spared there.
@@ -47,7 +47,14 @@ def hold_out(block: Block, rng: np.random.Generator) -> tuple[Block, np.ndarray]
     sigma = block.tie_sigma().copy()
     sigma[chosen] *= SETTINGS.free_size
     out.tie_points = ties.assign(sigma=sigma)
-    return out, chosen
+    return out, pd.MultiIndex.from_frame(ties.loc[chosen, ["image", "point"]].astype(str))
+
+
+def _measured(system: LinearSystem) -> pd.MultiIndex:
+    """Image and point of the image rows (n,): adjustments may leave different points out."""
+    rows = system.image_rows
+    names = np.asarray(system.images.names)[rows.image], system.points.names[rows.point]
+    return pd.MultiIndex.from_arrays(names, names=["image", "point"])
 
 
 def spared(point: np.ndarray, rng: np.random.Generator, among: np.ndarray) -> np.ndarray:
@@ -80,10 +87,10 @@ class Prediction:
     gain: np.ndarray
 
     @classmethod
-    def of_folds(cls, without: Adjustment, with_it: Adjustment, held: np.ndarray) -> Prediction:
+    def of_folds(cls, without: Adjustment, with_it: Adjustment, held: pd.MultiIndex) -> Prediction:
         """Of all tie observations that can be spared, some places of each picture at a time.
 
-        held (k,): rows of tie_points that neither adjustment has used; they count as the others
+        held (k,): tie observations that neither adjustment has used; they count as the others
         do. What a fold is predicted from is a step of least squares from either adjustment, with
         the weights that its loss has there.
         """
@@ -95,18 +102,24 @@ class Prediction:
             for one in (without, with_it)
         ]
         seen, rng = systems[0].image_rows, np.random.default_rng(0)
-        sigma = seen.sigma.copy()
-        sigma[seen.tie & np.isin(seen.row, held)] /= SETTINGS.free_size
+        measured = [_measured(one) for one in systems]
+        sigmas = [one.image_rows.sigma.copy() for one in systems]
+        for sigma, names in zip(sigmas, measured, strict=True):
+            sigma[names.isin(held)] /= SETTINGS.free_size
+        at = [np.arange(len(seen.point)), measured[1].get_indexer(measured[0])]
         fold = folds_of(seen.image, seen.xy, systems[0].images.size[seen.image], rng)
         image, squares = [], []
         for number in range(SETTINGS.folds):
-            left = spared(seen.point, rng, seen.tie & (fold == number))
-            fewer = sigma.copy()
-            fewer[left] *= SETTINGS.free_size
+            left = spared(seen.point, rng, seen.tie & (at[1] >= 0) & (fold == number))
             image.append(systems[0].image_order[seen.image[left]])
-            pair = [one.measuring(sigma=fewer) for one in systems]
-            pixels = [one.at(one.step()).residuals().pixels[left] for one in pair]
-            squares.append([(v**2).sum(axis=1) / sigma[left] ** 2 for v in pixels])
+            square = []
+            for one, sigma, rows in zip(systems, sigmas, at, strict=True):
+                fewer = sigma.copy()
+                fewer[rows[left]] *= SETTINGS.free_size
+                pair = one.measuring(sigma=fewer)
+                v = pair.at(pair.step()).residuals().pixels[rows[left]]
+                square.append((v**2).sum(axis=1) / sigma[rows[left]] ** 2)
+            squares.append(square)
         before, after = np.concatenate(squares, axis=1)
         block = without.system.block
         strip = np.zeros(len(block.images), dtype=np.int64)
@@ -115,9 +128,8 @@ class Prediction:
         good = np.isfinite(before) & np.isfinite(after)
         scale = scale_of(before[good]) if good.any() else 1.0
         gained = _log_density(after[good] / scale**2) - _log_density(before[good] / scale**2)
-        at = strip[np.concatenate(image)[good]]
-        seen = np.bincount(at) > 0
-        return cls(np.bincount(at, gained)[seen])
+        where = strip[np.concatenate(image)[good]]
+        return cls(np.bincount(where, gained)[np.bincount(where) > 0])
 
     @property
     def proved(self) -> bool:
@@ -151,11 +163,11 @@ class Cost:
     seen: bool
 
     @classmethod
-    def of(cls, without: Adjustment, with_it: Adjustment, rows: np.ndarray) -> Cost:
-        """Between two adjustments; rows: tie observations that neither has used."""
-        tie = tie_gap(without, with_it, rows)
+    def of(cls, without: Adjustment, with_it: Adjustment, held: pd.MultiIndex) -> Cost:
+        """Between two adjustments; held: tie observations that neither has used."""
+        tie = tie_gap(without, with_it, held)
         ratio = tie["after"] / tie["before"] if tie["before"] else 1.0
-        seen = ratio < SETTINGS.cost_ratio and Prediction.of_folds(without, with_it, rows).proved
+        seen = ratio < SETTINGS.cost_ratio and Prediction.of_folds(without, with_it, held).proved
         return cls(*moved(without, with_it), ratio, seen)
 
     @property
@@ -173,17 +185,18 @@ def moved(before: Adjustment, after: Adjustment) -> tuple[float, float]:
     return metres, float(np.nanmedian(np.abs(away / before.point_sigma)[known], axis=0).max())
 
 
-def tie_gap(before: Adjustment, after: Adjustment, rows: np.ndarray) -> dict[str, float | None]:
+def tie_gap(before: Adjustment, after: Adjustment, held: pd.MultiIndex) -> dict[str, float | None]:
     """RMS (px, an axis) of observations that both fits did not use, wrong matches left out."""
-    if not len(rows):
-        return {"before": None, "after": None}
     found = []
     for system in (before.system, after.system):
-        left = np.full((len(system.block.tie_points) + len(system.block.marks), 2), np.nan)
-        left[system.image_rows.row] = system.residuals().pixels
-        found.append(left[rows])
-    length = np.hypot(*found[1].T)
-    good = np.isfinite(length) & ~is_outlier(length, robust_scale_of_lengths(length), UNUSABLE)
+        at = _measured(system).get_indexer(held)
+        pixels = system.residuals().pixels[at]
+        found.append(np.where((at >= 0)[:, None], pixels, np.nan))
+    known = np.isfinite(np.hstack(found)).all(axis=1)
+    if not known.any():
+        return {"before": None, "after": None}
+    length = np.where(known, np.hypot(*found[1].T), np.nan)
+    good = known & ~is_outlier(length, robust_scale_of_lengths(length), UNUSABLE)
     values = [float(np.sqrt(np.mean(one[good] ** 2))) for one in found]
     return {"before": values[0], "after": values[1]}
 
@@ -246,7 +259,7 @@ def untold(one: Estimate, effect: Effect, fit: Adjustment) -> str:
 
 
 def preferred(
-    second: Adjustment, rivals: dict[str, Adjustment], rows: np.ndarray, limit: float
+    second: Adjustment, rivals: dict[str, Adjustment], held: pd.MultiIndex, limit: float
 ) -> tuple[str | None, dict[str, dict[str, float]]]:
     """The rival that does clearly better than `second` where no fit has looked, if any.
 
@@ -258,7 +271,7 @@ def preferred(
     many = len(second.check_points) >= SETTINGS.enough_checks
     for key, fit in rivals.items():
         share[key] = {"check": float(fit.check_rms.d3 / second.check_rms.d3)} if many else {}
-        found = tie_gap(second, fit, rows)
+        found = tie_gap(second, fit, held)
         if found["before"]:
             share[key]["tie"] = found["after"] / found["before"]
     kind = "check" if many else "tie"
@@ -266,18 +279,18 @@ def preferred(
     best = min(known, key=known.get, default=None)
     if best is None or known[best] >= (limit if many else 1.0):
         return None, share
-    clear = many or Prediction.of_folds(second, rivals[best], rows).proved
+    clear = many or Prediction.of_folds(second, rivals[best], held).proved
     return (best if clear else None), share
 
 
-def improves(without: Adjustment, with_it: Adjustment, rows: np.ndarray) -> bool:
+def improves(without: Adjustment, with_it: Adjustment, held: pd.MultiIndex) -> bool:
     """Whether held-out ties are predicted better, and check points, where many, no worse."""
     if len(with_it.check_points) >= SETTINGS.enough_checks:
         if SETTINGS.clear_ratio_checks * with_it.check_rms.d3 > without.check_rms.d3:
             return False
     if harms(without, with_it):
         return False
-    found = tie_gap(without, with_it, rows)
+    found = tie_gap(without, with_it, held)
     return bool(found["after"] < found["before"])
 
 

@@ -11,16 +11,20 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 
 from corridor.core.adjustment import Adjustment
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis.evidence.blunders import listed_points
+from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.findings.findings import Findings, Unknown
 from corridor.diagnosis.findings.location import locate
 from corridor.diagnosis.findings.verdict import in_place_of, shapes
 from corridor.diagnosis.forward_selection import Course
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS
+from corridor.diagnosis.system.elimination import Elimination
+from corridor.diagnosis.system.equations import equations
 from corridor.diagnosis.system.groups import Group
 from corridor.diagnosis.verification.all_ground import AllGround, contradicted
 from corridor.diagnosis.verification.held_out import (
@@ -36,6 +40,9 @@ from corridor.diagnosis.verification.held_out import (
     tie_gap,
     untold,
 )
+
+# A direction of rows that another sensor, turned by a right angle, would have.
+_ACROSS = {"down": "right", "up": "right", "right": "down", "left": "down"}
 
 
 class Verification:
@@ -61,10 +68,10 @@ class Verification:
         self._believed, self._course, self._last = believed, course, course.last
         self._groups = course.last.evidence.groups
         self._fitted: dict[frozenset[str], Adjustment] = {}
-        self._block, self._rows = believed.block, np.zeros(0, dtype=np.int64)
+        self._block, self._held = believed.block, pd.MultiIndex.from_arrays([[], []])
         few = len(self._block.tie_points) <= SETTINGS.fewest_ties
         if not few:
-            self._block, self._rows = hold_out(self._block, np.random.default_rng(seed))
+            self._block, self._held = hold_out(self._block, np.random.default_rng(seed))
         said = "Held-out observations could not be compared"
         self._first = self._now = self._fit([], said, after=course.first)
         if self.used and self._first:
@@ -91,7 +98,7 @@ class Verification:
         """
         tie: dict[str, float | None] = {"before": None, "after": None}
         if self._now is not None:
-            tie = tie_gap(self._first, self._now, self._rows)
+            tie = tie_gap(self._first, self._now, self._held)
         before = self._course.first
         return {
             "tie_px": tie,
@@ -206,21 +213,67 @@ class Verification:
         places are asked, in turn.
         """
         groups = {group.key: group for group in self._groups}
-        for one in self.findings.effects if len(self._rows) else ():
+        for one in self.findings.effects if len(self._held) else ():
             if one.kind == "suspected" or one.key not in self.used or groups[one.key].own is None:
                 continue
             others, bare = self._without(one.key)
-            if bare is None or Prediction.of_folds(bare, self._now, self._rows).proved:
+            if bare is None:
                 continue
-            tie = tie_gap(bare, self._now, self._rows)
+            if not Prediction.of_folds(bare, self._now, self._held).proved:
+                tie = tie_gap(bare, self._now, self._held)
+                why = (
+                    "image points that are left out are predicted hardly better with it "
+                    f"({tie['before']:.3f} px, then {tie['after']:.3f}; strips differ by more)"
+                )
+            elif (
+                share := self._by_columns(groups[one.key], others, bare)
+            ) > SETTINGS.overlap_share:
+                why = (
+                    f"{' and '.join(groups[one.key].effect.proper)}, which nothing else looks like,"
+                    f" show {100 * share:.0f} % as clearly along the columns of the pictures: "
+                    "nothing says that it comes row by row"
+                )
+            else:
+                continue
             self.notes.append(
-                f"{one.key} explains what was measured, but image points that are left out are "
-                f"predicted hardly better with it ({tie['before']:.3f} px, then "
-                f"{tie['after']:.3f}; strips differ by more): it is not taken for sure, and not "
-                "added."
+                f"{one.key} explains what was measured, but {why}. It is not taken for sure, and "
+                "not added."
             )
             one.kind = "suspected"
             self._go_on(others, bare)
+
+    def _by_columns(self, group: Group, others: list[str], bare: Adjustment) -> float:
+        """Evidence of what only motions during the readout look like (`proper`), were pictures read
+        by columns, over that by rows.
+
+        others, bare: the model without them, and its fit. 0 where a readout or rates are stated, or
+        a motion that all images share shows one.
+        """
+        block = self._block
+        stated = len(block.rates) > 0 or any(c.readout_s for c in block.cameras.values())
+        shared = (g.effect for g in self._groups if g.key in others and g.own is None)
+        if not group.effect.during_readout or stated or any(e.during_readout for e in shared):
+            return 0.0
+        across = {
+            name: replace(one, row_direction=_ACROSS[one.row_direction])
+            for name, one in block.cameras.items()
+        }
+        found = []
+        for cameras in (block.cameras, across):
+            turned = replace(block, cameras=cameras)
+            try:
+                members = self._course.members(others)
+                fit = self._believed.adjust(members, turned, near=True, after=bare)
+            except (InputError, AdjustmentFailed):
+                return 0.0
+            e = equations(fit, [group.effect], self._believed.priors_of([group.effect]))
+            evidence = Evidence(Elimination(e, self._last.noise).reduced())
+            (gain,) = evidence.given({})
+            proper = np.array([n in group.effect.proper for _, n, _ in evidence.groups[0].labels])
+            without = np.where(proper, 1.0 / SETTINGS.free_size, gain.kappa)
+            found.append(max(evidence.total({0: gain.kappa}) - evidence.total({0: without}), 0.0))
+        rows, columns = found
+        return columns / rows if rows > 0.0 else 1.0
 
     def _drop_idle(self) -> None:
         """Drop shapes of single pictures that change nothing: residuals always hang together."""
@@ -229,7 +282,7 @@ class Verification:
             if one.group not in self.used or effect.place != "image":
                 continue
             others, bare = self._without(one.group)
-            if bare is None or Cost.of(bare, self._now, self._rows).counts:
+            if bare is None or Cost.of(bare, self._now, self._held).counts:
                 continue
             self.notes.append(
                 f"Residuals are correlated as in {effect.called} ({one.where}); it neither moves "
@@ -255,7 +308,7 @@ class Verification:
         fit = self._fit(keys, "The fit with the lens failed", after=self._now)
         if fit is None:
             return None
-        cost = Cost.of(self._now, fit, self._rows)
+        cost = Cost.of(self._now, fit, self._held)
         if cost.counts:
             new = Unknown(
                 lens.group.slug, "unknown", lens.evidence, where, location,
@@ -280,7 +333,7 @@ class Verification:
         if not generic:
             return
         others, bare = self._without(*generic)
-        if bare is None or improves(bare, self._now, self._rows):
+        if bare is None or improves(bare, self._now, self._held):
             return
         self.notes.append(
             f"The correction by {', '.join(generic)} is not kept: data that no fit has used "
@@ -309,7 +362,7 @@ class Verification:
                 (named, SETTINGS.clear_ratio_checks), (list(drawn), SETTINGS.same_fit_share)
             ):  # fmt: skip
                 fits = self._fits(keys[: SETTINGS.most_rivals], mine)
-                best, share = preferred(self._now, fits, self._rows, limit)
+                best, share = preferred(self._now, fits, self._held, limit)
                 self.rivals |= {key: told for key, told in share.items() if key in named}
                 if best is None:
                     continue
