@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import bdtrc
 
 from corridor.core.block import VELOCITY, Block
+from corridor.core.geometry import OUTLIER
 
 # Units of speed that are none of metres a second, by how much larger their numbers are.
 _SPEEDS = {3.6: "km/h", 1.9438: "knots", 2.2369: "miles an hour", 3.2808: "feet a second"}
@@ -20,7 +21,7 @@ class _Pairs(NamedTuple):
     """Images after each other in a strip: how fast the drone flew and what is stated, m/s.
 
     along (n,): the stated velocity along the way that was flown, over the speed flown.
-    way, stated (n, 3): the velocity flown and stated.
+    way, stated (n, 3): the velocity flown and stated. sigma (n,): of that stated, 0 if unknown.
     """
 
     flown: np.ndarray
@@ -28,6 +29,7 @@ class _Pairs(NamedTuple):
     along: np.ndarray
     way: np.ndarray
     stated: np.ndarray
+    sigma: np.ndarray
 
 
 # A way so many times as long as another, of so many images, is none that was flown.
@@ -139,7 +141,8 @@ def velocity_warnings(block: Block) -> list[str]:
             ]
     if count < 5:
         return []
-    elsewhere = int((as_they_are > _ELSEWHERE).sum())
+    off = np.linalg.norm(pairs.way - pairs.stated, axis=1)
+    elsewhere = int(((as_they_are > _ELSEWHERE) & (off > OUTLIER * pairs.sigma)).sum())
     if elsewhere > _MANY * count:
         return [
             f"images.csv: vx, vy, vz point elsewhere than the way from image to image in "
@@ -188,4 +191,6 @@ def paired_speeds(block: Block) -> _Pairs:
         good &= flown > 0.3 * np.median(flown[good])
     with np.errstate(divide="ignore", invalid="ignore"):
         way = way / seconds[:, None]
-    return _Pairs(flown[good], told[good], along[good], way[good], stated[good])
+    sigma = np.linalg.norm(np.nan_to_num(block.numbers("images", "svx", "svy", "svz")), axis=1)
+    sigma = np.maximum(sigma[one], sigma[next_one])
+    return _Pairs(*(each[good] for each in (flown, told, along, way, stated, sigma)))

@@ -41,7 +41,7 @@ def findings(course: Course) -> Findings:
     unknown = []
     for n in numbers:
         if evidence.groups[n].generic:
-            kind = "unknown" if _kind(one, n) == "named" else "suspected"
+            kind = "unknown" if kind_of(one, n) == "named" else "suspected"
             new = Unknown(evidence.groups[n].slug, kind, found.evidence[n], parts=_parts(one, n))
             unknown.append(_at(one, new, n, thetas[n]))
     unproved = {evidence.groups[n].key: float(s.gain.sum()) for n, s in strips.items()}
@@ -87,7 +87,8 @@ def _parts(one: Round, n: int) -> list[str]:
     return list(dict.fromkeys(evidence.groups[k].slug for k in out))[: SETTINGS.most_rivals]
 
 
-def _kind(one: Round, n: int) -> str:
+def kind_of(one: Round, n: int) -> str:
+    """Whether a group that a round found is `named`, by its evidence, or only `suspected`."""
     if n in one.found.kept:
         return "named"
     limit = one.threshold["beside_noise" if _like_noise(one, n) else "named"]
@@ -121,7 +122,7 @@ def _estimates(one: Round, n: int, theta, spread, strips: ByStrips | None = None
     group = evidence.groups[n]
     theta = theta * group.scale
     sigma = formal = np.sqrt(spread.diagonal()) * group.scale
-    kind = _kind(one, n)
+    kind = kind_of(one, n)
     if strips is not None:
         each = zip(formal, strips.sigma * group.scale, strict=True)
         sigma = np.array([sigma_by_test(*pair, strips.count - 1) for pair in each])

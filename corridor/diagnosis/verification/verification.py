@@ -17,9 +17,12 @@ from corridor.core.adjustment import Adjustment
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis.evidence.blunders import listed_points
 from corridor.diagnosis.evidence.evidence import Evidence
+from corridor.diagnosis.evidence.profile_likelihood import beyond_noise
+from corridor.diagnosis.evidence.scores import as_spread
+from corridor.diagnosis.evidence.search import Found
 from corridor.diagnosis.findings.findings import Findings, Unknown
 from corridor.diagnosis.findings.location import locate
-from corridor.diagnosis.findings.verdict import in_place_of, shapes
+from corridor.diagnosis.findings.verdict import in_place_of, kind_of, shapes
 from corridor.diagnosis.forward_selection import Course
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS
@@ -88,6 +91,7 @@ class Verification:
             self._keep_shapes()
             self._choose()
         self._drop_harmful()
+        self._drop_lonely()
         self._drop_untold()
         self._drop_suspected()
 
@@ -229,8 +233,8 @@ class Verification:
                 share := self._by_columns(groups[one.key], others, bare)
             ) > SETTINGS.overlap_share:
                 why = (
-                    f"{' and '.join(groups[one.key].effect.proper)}, which nothing else looks like,"
-                    f" show {100 * share:.0f} % as clearly along the columns of the pictures: "
+                    f"what nothing else looks like ({', '.join(groups[one.key].effect.proper)}) "
+                    f"shows along the columns of the pictures too, {100 * share:.0f} % as clearly: "
                     "nothing says that it comes row by row"
                 )
             else:
@@ -390,6 +394,29 @@ class Verification:
                 if one.key == key:
                     one.kind = "suspected"
             self._go_on(others, bare)
+
+    def _drop_lonely(self) -> None:
+        """Say no effect for sure that the data speak for only beside what did not stand."""
+        last, numbers = self._last, self._last.evidence.number
+        left = {n: k for n, k in last.found.chosen.items() if self._groups[n].key in self.used}
+        if len(left) == len(last.found.chosen):
+            return
+        found = Found.of(last.evidence, left, last.found.kept & left.keys())
+        found = as_spread(last.evidence, beyond_noise(last.noises, found, -np.inf), -np.inf)
+        alone = replace(last, found=found)
+        for one in self.findings.effects:
+            n = numbers.get(one.key)
+            if n in left and one.kind != "suspected" and kind_of(alone, n) == "suspected":
+                gone = [
+                    g.key
+                    for k, g in enumerate(self._groups)
+                    if k in last.found.chosen.keys() - left
+                ]
+                self.notes.append(
+                    f"{one.key} explains what was measured beside {' and '.join(gone)}, and hardly "
+                    "anything without: it is not taken for sure, and not added."
+                )
+                one.kind = "suspected"
 
     def _drop_suspected(self) -> None:
         """Add nothing that is only suspected."""
