@@ -332,3 +332,64 @@ def confusion_matrix(
                 look = {"fill": False, "ec": style.INK, "lw": 1.2, "zorder": 5}
                 axes.add_patch(Rectangle((j - 0.5, i - 0.5), 1, 1, **look))
     return figure
+
+
+def expected_and_drawn(
+    expected: Mapping[str, Sequence[float]],
+    drawn: Mapping[str, np.ndarray],
+    title: str,
+    note: str,
+) -> Figure:
+    """RMS of check points in x, y and z, cm: expected, and of each draw; a row a way of flying.
+
+    expected: (3,); drawn: (draws, 3), of the same names.
+    """
+    looks = {
+        "expected": style.dot("|", style.MIDDLE, 16, style.MIDDLE, 2.4),
+        "a draw": style.dot("o", "white", 4, style.DARK, 0.9),
+    }
+    keys = [style.key(name, **look) for name, look in looks.items()]
+    height = 0.34 * len(expected) + 0.7
+    figure, (row,) = style.charts(title, note, [height], 3, keys, sharex=True, sharey=True)
+    for k, (axes, words) in enumerate(zip(row, ("across", "along", "height"), strict=True)):
+        style.caption(axes, words)
+        for n, (name, values) in enumerate(expected.items()):
+            axes.plot(drawn[name][:, k], np.full(len(drawn[name]), n), **looks["a draw"])
+            axes.plot(values[k], n, **looks["expected"])
+        axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.set_yticks(range(len(expected)), list(expected))
+        axes.set_ylim(len(expected) - 0.5, -0.5)
+        style.label(axes, "RMS (cm)")
+    return figure
+
+
+def height_by_focal(
+    cases: Mapping[str, Mapping[str, tuple[np.ndarray, np.ndarray]]],
+    slope: float,
+    title: str,
+    note: str,
+) -> Figure:
+    """Height errors, cm, over errors of the focal length, px: a panel a case, a mark a flight.
+
+    slope: of the line that a wrong focal length alone would follow, cm per px.
+    """
+    names = list(next(iter(cases.values())))
+    looks = {
+        name: style.dot(shape, "white", 5, colour, 1.2)
+        for name, (colour, shape) in zip(names, style.SERIES, strict=False)
+    }
+    line = {"color": style.FAINT, "lw": 1.4}
+    keys = [style.key(name, **look) for name, look in looks.items()]
+    keys.append(style.key("focal length alone", **line))
+    figure, (row,) = style.charts(title, note, [2.8], len(cases), keys)
+    for axes, (words, one) in zip(row, cases.items(), strict=True):
+        style.caption(axes, words)
+        ends = 1.1 * np.array([-1, 1]) * max(np.abs(f).max() for f, _ in one.values())
+        axes.plot(ends, slope * ends, zorder=0, **line)
+        for name, (f, height) in one.items():
+            axes.plot(f, height, **looks[name])
+        style.label(axes, "focal length off (px)", "height off (cm)" if axes is row[0] else None)
+    return figure

@@ -41,6 +41,7 @@ KINDS = {
 # Who says the number: what a chapter re-does is one thing, a check of the software another.
 GROUPS = {
     "works": "the thesis and its articles",
+    "flights": "other studies of flights, done again",
     "cameras": "cameras that others measured, or their makers state",
     "programs": "other programs on the same files: checks of the software",
 }

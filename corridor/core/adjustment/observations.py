@@ -12,7 +12,7 @@ from corridor.core.adjustment.ordering import (
     pixels_of_rows,
     sorted_rows,
 )
-from corridor.core.block import Block, independent, is_among, level_axes
+from corridor.core.block import Block, exposures_of, independent, is_among, level_axes
 from corridor.core.effects import Images
 from corridor.core.errors import InputError
 
@@ -122,7 +122,8 @@ def network_of(block: Block, images: Images, control: set[str], unused: set[str]
     _check_multiplicity(block, multiplicity, control, tie_names, mark_names)
     _check_images(block, image, images)
 
-    order = corridor_order(point, image, xyz, images)
+    both = exposures_of(block)
+    order = corridor_order(point, image, xyz, images, (both.base, both.member))
     rank = np.empty(len(order), dtype=np.int32)
     rank[order] = np.arange(len(order))
     # Points that the same images see belong together: the kernel gathers them.

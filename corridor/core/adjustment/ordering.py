@@ -9,12 +9,17 @@ from corridor.core.engine.compiled import compiled
 
 
 def corridor_order(
-    point: np.ndarray, image: np.ndarray, position: np.ndarray, images: Images
+    point: np.ndarray,
+    image: np.ndarray,
+    position: np.ndarray,
+    images: Images,
+    pairs: tuple[np.ndarray, np.ndarray],
 ) -> np.ndarray:
     """Order (m,) of the images: by footprint along the block, or reverse Cuthill-McKee.
 
-    point, image: (n,) of each observation; position: (points, 3). The one with the narrower band
-    is taken; a block that bends or goes round is better off with the graph.
+    point, image: (n,) of each observation; position: (points, 3). pairs: (k,) of images that are
+    tied to each other besides. The one with the narrower band is taken; a block that bends or goes
+    round is better off with the graph, and so are members of a rig that look ahead and back.
     """
     count = len(images.names)
     footprint, seen = _sums(point, image, position, np.isfinite(position).all(axis=1), count)
@@ -26,8 +31,12 @@ def corridor_order(
     first = np.argsort(along if along[0] <= 0 else -along, kind="stable")
     if count < 8:
         return first
+    # Pairs as if the two saw a point of their own.
+    own = len(position) + np.arange(len(pairs[0]), dtype=point.dtype)
+    point = np.concatenate([point, own, own])
+    image = np.concatenate([image, *pairs], dtype=image.dtype, casting="unsafe")
     width = _width(point, image, first)
-    if width * 8 <= count:
+    if width * 8 <= count and not len(own):
         return first
     linked = _links(point, image, count)
     second = np.asarray(reverse_cuthill_mckee(linked, symmetric_mode=True), dtype=np.int64)

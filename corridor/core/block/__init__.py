@@ -27,10 +27,13 @@ from corridor.core.block.record import forget_correction, record_correction, tak
 from corridor.core.block.rigs import (
     EXPOSURE,
     Mounting,
+    as_mounted,
+    base_poses,
     exposures_of,
     members_of,
     mountings_of,
     relative,
+    rigs_of,
     with_rigid_poses,
 )
 from corridor.core.block.settings import SIGMA

@@ -30,6 +30,8 @@ from corridor.core.geometry import (
 
 EXPOSURE = "exposure"
 _KEYS = ("xyz", "quaternion", "sigma_m", "sigma_deg")
+# What is written with ten digits and read again is nearer, m and rad.
+_NEAR = 1e-6
 
 
 @dataclass(frozen=True)
@@ -154,6 +156,26 @@ def mountings_of(block) -> dict[str, Mounting]:
             ])  # fmt: skip
             found[camera] = Mounting(name, place, rotation, sigma)
     return found
+
+
+def base_poses(block, mounted: dict[str, Mounting]) -> np.ndarray:
+    """Where each image puts the base of its rig, (n, 7) as `Block.poses`; without one, itself."""
+    poses = block.poses.copy()
+    names = block.images["camera"].to_numpy(object)
+    for camera, one in mounted.items():
+        mine = np.flatnonzero(names == camera)
+        rotation = one.rotation.T @ rotation_from_quaternion(poses[mine, 3:])
+        poses[mine, :3] -= np.einsum("nji,j->ni", rotation, one.place)
+        poses[mine, 3:] = quaternion_from_rotation(rotation)
+    return poses
+
+
+def as_mounted(block) -> bool:
+    """Whether the images of each exposure stand as their rig says, to 1 um and 1e-6 rad."""
+    base, both = base_poses(block, mountings_of(block)), exposures_of(block)
+    turned = rotation_from_quaternion(base[:, 3:])
+    off = [base[both.member, :3] - base[both.base, :3], turned[both.member] - turned[both.base]]
+    return all(bool((np.abs(one) < _NEAR).all()) for one in off)
 
 
 def _seen(block, rig: str, base: str, camera: str) -> tuple[np.ndarray, np.ndarray]:

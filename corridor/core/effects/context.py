@@ -139,6 +139,12 @@ class Images:
         return _middle(self.time)
 
     @cached_property
+    def mid_time_of_flight(self) -> np.ndarray:
+        """Middle of the times of each flight (flights,), s: the epoch of what drifts in each."""
+        flights = range(len(self.flight_names))
+        return np.array([_middle(self.time[self.flight == one]) for one in flights])
+
+    @cached_property
     def mid_temperature(self) -> float:
         """Middle of the block's temperatures, degrees Celsius: where thermal effects are zero."""
         return _middle(self.temperature)

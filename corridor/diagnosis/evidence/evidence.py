@@ -178,6 +178,15 @@ class Evidence:
         r = self.reduced
         return r.M[np.ix_(group.columns, group.columns)], r.g[group.columns]
 
+    def beyond_chance(self, n: int, gain: Gain) -> float:
+        """What a group fits but for noise, of which every parameter follows half a unit."""
+        group = self.groups[n]
+        if group.own is not None:
+            return gain.fit
+        value = Spectrum.of(self.block(group)[0]).value
+        grown = max(gain.kappa, SETTINGS.least_fit_size) ** 2 * value
+        return gain.fit - 0.5 * float(np.sum(grown / (1.0 + grown)))
+
     def across(self, a: Group, b: Group) -> np.ndarray:
         """M between two groups of the core (p, q)."""
         return self.reduced.M[np.ix_(a.columns, b.columns)]

@@ -14,7 +14,7 @@ import numpy as np
 from corridor.core.block import Block
 from corridor.core.effects import EffectValues
 from corridor.core.geometry import jackknife, sigma_by_test
-from corridor.diagnosis.evidence.evidence import Evidence, Spectrum, inverted
+from corridor.diagnosis.evidence.evidence import Evidence, inverted
 from corridor.diagnosis.evidence.profile_likelihood import signs
 from corridor.diagnosis.findings.findings import Estimate, Findings, Unknown
 from corridor.diagnosis.findings.location import locate
@@ -234,9 +234,11 @@ def alternatives(evidence: Evidence, chosen: dict, n: int) -> list[int]:
         equal = mine.evidence - gain.evidence <= SETTINGS.look_alike_log_odds
         # Sets of values, one a flight, are one more parameter each and no other shape.
         more = len(parameter_names(other)) - len(parameter_names(group))
+        # More parameters than that have to fit better, by more than they would by chance.
+        chance = SETTINGS.look_alike_log_odds + 0.5 * (len(other) - len(group))
         contained = (
             other.own is None
-            and more <= SETTINGS.look_alike_more_parameters
+            and (more <= SETTINGS.look_alike_more_parameters or gain.fit - mine.fit > chance)
             and mine.fit - gain.fit <= SETTINGS.look_alike_log_odds
         )
         # Where an effect is weak, what explains nothing is not far behind, and no explanation.
@@ -246,30 +248,22 @@ def alternatives(evidence: Evidence, chosen: dict, n: int) -> list[int]:
 
 
 def shapes(one: Round, key: str) -> list[int]:
-    """Generic groups that fit as well as a group of the model, the best first.
-
-    Of what they fit, the half of a unit is noise that every parameter follows.
-    """
+    """Generic groups that fit as well as a group of the model, the best first."""
     evidence, chosen = one.evidence, one.found.chosen
     n = evidence.number[key]
     gains = evidence.given({k: v for k, v in chosen.items() if k != n})
 
-    def beyond(k):
-        value = Spectrum.of(evidence.block(evidence.groups[k])[0]).value
-        grown = max(gains[k].kappa, SETTINGS.least_fit_size) ** 2 * value
-        return gains[k].fit - 0.5 * np.sum(grown / (1.0 + grown))
-
     if evidence.groups[n].own is not None:
         return []
     out = {
-        k: beyond(k)
+        k: evidence.beyond_chance(k, gains[k])
         for k, group in enumerate(evidence.groups)
         if group.generic
         and group.own is None
         and k not in chosen
         and np.isfinite(gains[k].evidence)
     }
-    mine = beyond(n)
+    mine = evidence.beyond_chance(n, gains[n])
     return sorted(
         (k for k in out if mine - out[k] <= SETTINGS.look_alike_log_odds), key=lambda k: -out[k]
     )

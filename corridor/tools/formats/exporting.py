@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from corridor.core.block import Block, read
+from corridor.core.block import Block, as_mounted, read, rigs_of
 from corridor.core.brief import brief
-from corridor.core.effects import Values, every_effect, take_out
+from corridor.core.effects import Effect, Values, every_effect, take_out
 from corridor.core.errors import InputError
 from corridor.core.gnss import in_metres, moved
 from corridor.core.output import Progress, counted, file_lines, telling, whole_folder
@@ -35,6 +35,7 @@ _HAS: dict[str, Callable[[Block], bool]] = {
     "ground without place": lambda block: len(block.ground) and "local_frame" not in block.extra,
     "offset": lambda block: bool(block.offset.any()),
     "names": lambda block: True,
+    "unlike rigs": lambda block: not as_mounted(block),
 }
 
 
@@ -60,13 +61,15 @@ class Exported:
 def read_adjusted(folder: str | Path) -> tuple[Block, Values]:
     """A block, or the adjusted block of a result of `corridor adjust`, and its effects.
 
-    Raises InputError.
+    Without those that the adjusted block states itself. Raises InputError.
     """
     folder = Path(folder)
     if not (folder / _RESULT).is_file():
         return read(folder), Values()
     block = read(folder / "block")
-    return block, Values.read(folder / _RESULT, block)
+    found = Values.read(folder / _RESULT, block)
+    own = Effect.restated
+    return block, Values(one for one in found.values() if type(one.effect).restated is own)
 
 
 def export_project(
@@ -136,6 +139,8 @@ def export_project(
             f"lost: the {counted(len(exported.distances), 'row')} of distances.csv; enter them in "
             "the other program as scale bars"
         )
+    if rigs_of(exported) and not getattr(target, "RIGS", False):
+        sentences.append(f"lost: the rigs {', '.join(rigs_of(exported))}; each image is on its own")
     found = Residuals.of(np.linalg.norm(rows_of(exported).residuals(), axis=1))
     sentences.append(f"what is written reprojects with {found}")
     if found.median > MEDIAN_PX:

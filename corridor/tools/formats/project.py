@@ -84,14 +84,22 @@ class Project:
 def hung_together(project: Project, leader: Mapping[str, str]) -> Project:
     """The project with its rigs: tables [rig.NAME], and images of one exposure named alike.
 
-    leader: image -> that of the base camera of its exposure. Mountings are left to the poses, in
-    whose frame and scale they are. Nothing is stated where a camera hangs in two places.
+    leader: image -> that of the base camera of its exposure, or where it did not fire any other.
+    Mountings are left to the poses, in whose frame and scale they are. Nothing is stated where a
+    camera hangs in two places.
     """
     camera = dict(zip(project.block.images["image"], project.block.images["camera"], strict=True))
     pairs = {i: first for i, first in leader.items() if i != first and {i, first} <= set(camera)}
     rigs: dict[str, dict] = {}
     for image, first in pairs.items():
         rigs.setdefault(camera[first], {})[camera[image]] = {}
+    # Exposures without the base are led by a member.
+    led = [
+        base
+        for base, members in rigs.items()
+        if any(base in other and members.keys() <= other.keys() for other in rigs.values())
+    ]
+    rigs = {base: members for base, members in rigs.items() if base not in led}
     hung = [name for base, members in rigs.items() for name in (base, *members)]
     taken = [(first, camera[image]) for image, first in pairs.items()]
     if not hung or len(set(hung)) < len(hung) or len(set(taken)) < len(taken):

@@ -1,6 +1,7 @@
 """Cameras that hang together, against perfect flights and equations by code of its own."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -10,6 +11,7 @@ from rigged import HEAD, SIZE, F, exp, mounting, quaternion, rig_table, rigged_b
 import corridor
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.normal import Normal
+from corridor.core.adjustment.ordering import corridor_order
 from corridor.core.adjustment.problem import make_problem
 from corridor.core.adjustment.rigs import rig_rows
 from corridor.core.block import read
@@ -340,3 +342,17 @@ class TestFiles:
         wrong.images.loc[wrong.images["camera"] == "left", POSE] = np.nan
         with pytest.raises(InputError, match="left.* has no xyz and quaternion, and no exposure"):
             corridor.adjust(wrong)
+
+
+def test_the_band_counts_images_of_one_exposure():
+    """A camera that looks 20 exposures ahead, and shares no point with the one below."""
+    count = 100
+    below, ahead = np.arange(count), np.arange(count, 2 * count)
+    image = np.concatenate([below[:-1], below[1:], ahead[:-1], ahead[1:]]).astype(np.int32)
+    point = np.concatenate([below[:-1]] * 2 + [ahead[:-1] - 1] * 2).astype(np.int32)
+    place = np.concatenate([np.arange(count - 1), 20 + np.arange(count - 1)])
+    xyz = place[:, None] * [1.0, 0.0, 0.0]
+    images = SimpleNamespace(names=np.arange(2 * count))
+    rank = np.argsort(corridor_order(point, image, xyz, images, (below, ahead)))
+    assert np.abs(rank[below] - rank[ahead]).max() <= 4
+    assert np.abs(rank[image[: count - 1]] - rank[image[count - 1 : 2 * count - 2]]).max() <= 4

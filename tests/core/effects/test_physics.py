@@ -23,6 +23,7 @@ from strips import corridor_block
 
 from corridor.core.camera import INTERIOR
 from corridor.core.effects import Images, find, predict
+from corridor.core.effects.context import Context
 
 
 def shutter(block, readout):
@@ -231,3 +232,15 @@ class TestDrifts:
         block = self.line(10.0, count=3)
         moved = seen(block, principal_point_drift={"x_rate": 0.1, "y_rate": -0.05}) - seen(block)
         assert moved == pytest.approx(np.tile([1.0, -0.5], (5, 1)), abs=1e-9)
+
+
+def test_a_boresight_that_drifts_is_right_in_the_middle_of_each_flight():
+    """1 mrad a minute; the second flight begins a quarter of an hour later, and not 15 mrad off."""
+    block = corridor_block(16, 2)
+    time = np.tile(10.0 * np.arange(8), 2) + np.repeat([0.0, 900.0], 8)
+    block.images = block.images.assign(time_s=time, flight=np.repeat(["F1", "F2"], 8))
+    block = block.with_()
+    images = Images.of(block)
+    drift = find("boresight_drift")
+    turned = drift.derivative(Context(images, np.arange(16)))[:, 0, 0] * 1e-3 / 60
+    assert turned == pytest.approx(np.tile((np.arange(8) - 3.5) / 6000, 2), abs=1e-12)

@@ -21,5 +21,10 @@ class BoresightDrift(LinearEffect):
     unknowns = [Parameter(axis, "rad/s", scale=np.radians(1.0) / 1200) for axis in "xyz"]
 
     def derivative(self, context):
-        """A turn about the camera's axes that grows with the time t from the middle: r t."""
-        return np.eye(3) * context.time[:, None, None]
+        """A turn about the camera's axes that grows with the time t from the flight's middle: r t.
+
+        From the block's middle the drifts of two flights would be two boresights.
+        """
+        images = context.images
+        since = images.time[context.image] - images.mid_time_of_flight[context.group("flight")]
+        return np.eye(3) * since[:, None, None]

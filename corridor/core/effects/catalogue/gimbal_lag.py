@@ -17,6 +17,8 @@ class GimbalLag(LinearEffect):
     title = "Attitudes that lag behind the camera's turns, axis by axis"
     called = "a lag of the measured attitudes behind the turns of the camera"
     place = "attitude"
+    # A lag for each axis in place of one.
+    refines = "attitude_clock_offset"
     needs = ("attitudes.image", "images.wx", "images.wy", "images.wz")
     revealed_by = "images that turn about each axis while they are taken, both ways, with rates"
     unobservable_when = (

@@ -34,9 +34,9 @@ class Mounting(LinearEffect):
         "members see nothing that another one sees; the shift along the axis is the focal length "
         "over flat ground"
     )
-    # What a drawing of the head and a plumb line leave.
-    unknowns = [Parameter(axis, "m", scale=0.02) for axis in "xyz"] + [
-        Parameter(f"turn_{axis}", "rad", scale=0.01) for axis in "xyz"
+    # What a calibration leaves: a mounting that is known less well is estimated in any case.
+    unknowns = [Parameter(axis, "m", scale=0.005) for axis in "xyz"] + [
+        Parameter(f"turn_{axis}", "rad", scale=0.002) for axis in "xyz"
     ]
 
     def believed(self, block):
@@ -44,6 +44,9 @@ class Mounting(LinearEffect):
         return block.has("rig.member") and any(m.sigma.any() for m in mountings_of(block).values())
 
     def priors(self, block):
+        """What is stated; of mountings that are all exact none, whoever asks doubts them."""
+        if not self.believed(block):
+            return {}
         names = [parameter.name for parameter in self.unknowns]
         mountings = mountings_of(block)
         return {

@@ -4,25 +4,40 @@ Conventions, where they differ from ours: K counts from the corner of the first 
 T1, T2 are OpenCV's p1, p2 (our p2, p1); centre and rotation (world to camera, x right, y down, z
 forward) are in a frame that lies `offset.xyz` from the world. Omega, phi, kappa of the external
 parameters: R = diag(1, -1, -1) (Rx Ry Rz)'. BINGO tie points are in mm from the image centre, y
-upwards, as measured (distortion not removed).
+upwards, as measured (distortion not removed). Of a rig's secondary camera: its place in the
+reference camera's frame, and M = (Rx Ry Rz)' from that camera to it; which images are of one
+exposure no file says: their poses do.
 
-Source: Pix4D support pages on the files of `params`; proved on a real project.
+Source: Pix4D support pages on the files of `params`; proved on real projects, the rig by the poses
+of 253 exposures of five cameras.
 """
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy.spatial import cKDTree
 
 from corridor.core.errors import InputError, some
-from corridor.core.geometry import quaternion_from_rotation, rotation_from_angles
+from corridor.core.geometry import (
+    quaternion_from_rotation,
+    rotation_from_angles,
+    rotation_from_quaternion,
+)
 from corridor.core.gnss import known_crs
 from corridor.core.textfile import Line, filled, opening
 from corridor.tools.formats.cameras import camera_from, in_the_middle, shared
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.programs.bingo import image_blocks
-from corridor.tools.formats.project import Contents, Project, Views, ground_table
+from corridor.tools.formats.project import (
+    Contents,
+    Project,
+    Views,
+    ground_table,
+    hung_together,
+)
 
 NAME = "pix4d"
 TITLE = "Pix4D calibrated parameters and BINGO tie points"
@@ -30,6 +45,9 @@ TITLE = "Pix4D calibrated parameters and BINGO tie points"
 _MAIN = "calibrated_camera_parameters.txt"
 _EXTERNAL = "calibrated_external_camera_parameters.txt"
 _FLIP = np.diag([1.0, -1.0, -1.0])
+_SECONDARY = re.compile(r'(\d+)\s+".*"\s+(.*)')
+# Images of one exposure put the reference camera at one place, m.
+_SAME_M = 1e-3
 
 
 def recognise(path: Path) -> bool:
@@ -75,7 +93,8 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     if external.is_file():
         _compare(names, centre + offset, rotation, external, warnings)
     bingo = _find(folder, "tp_bingo.txt", "bingo.txt")
-    return Contents(
+    errors = folder / f"{prefix}{_EXTERNAL[:-4]}_error.txt"
+    project = Contents(
         name=folder.resolve().name if folder.name != "params" else folder.resolve().parent.name,
         cameras=cameras,
         images=names,
@@ -84,12 +103,66 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         rotation=rotation,
         ties=None if bingo is None else _bingo(bingo, names, used, cameras, notes),
         ground=_ground(folder / f"{prefix}measured_estimated_gcps_position.txt", offset),
-        gnss=_gnss(folder / f"{prefix}{_EXTERNAL[:-4]}_error.txt", names, offset, notes),
+        gnss=_gnss(errors, names, offset, notes),
         offset=offset,
         crs=_crs(folder / f"{prefix}wkt.prj"),
         notes=notes,
         warnings=warnings,
     ).project(NAME, main)
+    rig = folder / f"{prefix}calibrated_rig_parameters.txt"
+    return _with_rig(project, rig, _numbers(errors)) if rig.is_file() else project
+
+
+def _numbers(path):
+    """Image -> the number that its camera has; what is not there is not known."""
+    rows = [line.text.split(",") for line in filled(path)] if path.is_file() else []
+    known = rows and [cell.strip() for cell in rows[0][:2]] == ["imageName", "cameraIndex"]
+    return {row[0].strip(): row[1].strip() for row in rows[1:]} if known else {}
+
+
+def _with_rig(project, path, numbers):
+    """The project with the rig of a file, its exposures by where images put the reference camera.
+
+    Pix4D holds the places of the cameras and adjusts their turns.
+    """
+    mounted, reference = {}, None
+    for line in filled(path, comment="#"):
+        found = _SECONDARY.match(line.text.strip())
+        if found and found[2].strip() == "reference":
+            reference = found[1]
+        elif found:
+            *angles, x, y, z = line.numbers(found[2].split(), "the mounting")
+            if len(angles) != 3:
+                raise line.wrong(f"{3 + len(angles)} numbers where a mounting has six")
+            mounted[found[1]] = rotation_from_angles(*angles).T, np.array([x, y, z])
+    images = project.block.images["image"].tolist()
+    number = np.array([numbers.get(image, "") for image in images])
+    centre = project.block.poses[:, :3].copy()
+    rotation = rotation_from_quaternion(project.block.poses[:, 3:])
+    for key, (turn, place) in mounted.items():
+        mine = number == key
+        centre[mine] -= np.einsum("nji,j->ni", rotation[mine], turn @ place)
+    first, others = np.flatnonzero(number == reference), np.flatnonzero(np.isin(number, [*mounted]))
+    if not len(first) or not len(others):
+        told = f"{path.name} states a rig, and no file says which images are of its cameras"
+        return project.having(notes=[told])
+    away, at = cKDTree(centre[first]).query(centre[others])
+    near = away < _SAME_M
+    leader = {images[i]: images[first[k]] for i, k in zip(others[near], at[near], strict=True)}
+    # All images of an exposure state its one position; it is that of the reference camera.
+    gnss = project.block.gnss
+    copies = gnss["image"].isin(list(leader)) & gnss["image"].map(leader).isin(gnss["image"])
+    project = hung_together(project.having(gnss=gnss[~copies].reset_index(drop=True)), leader)
+    camera = dict(zip(number, project.block.images["camera"], strict=True))
+    for rig in project.block.extra.get("rig", {}).values():
+        for key in mounted:
+            turn, place = mounted[key]
+            if camera.get(key) in rig["member"]:
+                quaternion = quaternion_from_rotation(turn)
+                rig["member"][camera[key]] |= {
+                    "xyz": place.tolist(), "quaternion": quaternion.tolist(), "sigma_m": 0.0
+                }  # fmt: skip
+    return project
 
 
 @dataclass

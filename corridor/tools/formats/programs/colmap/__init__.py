@@ -28,6 +28,7 @@ from corridor.tools.formats.programs.colmap.cameras import (
     params_of,
 )
 from corridor.tools.formats.programs.colmap.cameras import HOLDS as HOLDS
+from corridor.tools.formats.programs.colmap.frames import write_rigs
 from corridor.tools.formats.programs.colmap.ground import read_ground, write_ground
 from corridor.tools.formats.project import (
     Contents,
@@ -46,7 +47,9 @@ LOSSES = {
     "marks": "ground points: they go as points, ground_points.csv says which and where",
     "GNSS": "GNSS: the camera centres it gives are in reference.txt",
     "sigmas": "sigmas of single observations",
+    "unlike rigs": "rigs whose images do not stand as they say: adjust first; each image is alone",
 }
+RIGS = True
 
 _FILES = ("cameras", "images", "points3D")
 
@@ -230,12 +233,14 @@ class _Model:
         return hung_together(pieces.project(NAME, self.folder, placed=False), self._leaders())
 
     def _leaders(self):
-        """Image -> that of the reference sensor of its frame, where that has one."""
+        """Image -> that of the reference sensor of its frame, or where it lacks that the first."""
         name, leaders = dict(zip(self.ids, self.names, strict=True)), {}
         for rig, _, data in self.frames:
+            data = [(camera, image) for camera, image in data if image in name]
             first = [image for camera, image in data if self.rigs[rig].get(camera, 0) is None]
-            if len(first) == 1:
-                leaders |= {name[image]: name[first[0]] for _, image in data if image in name}
+            if data and len(first) < 2:
+                first = (first or [data[0][1]])[0]
+                leaders |= {name[image]: name[first] for _, image in data}
         return leaders
 
     def _camera(self, name):
@@ -329,7 +334,7 @@ def _with_length(pose, record):
 
 
 def write(block: Block, folder: Path, name: str) -> None:
-    """Write a model of one rig a camera, one frame an image; name: colmap (binary), colmap-text."""
+    """Write a model; name: colmap (binary), colmap-text."""
     file = records.TextWriter if name == "colmap-text" else records.BinaryWriter
     rows = rows_of(block)
     cameras = dict(zip(block.cameras, _numbers(list(block.cameras)).tolist(), strict=True))
@@ -357,16 +362,7 @@ def write(block: Block, folder: Path, name: str) -> None:
             points, rows.positions, _mean_errors(rows, ends, by_point),
             rows.image.astype(np.int64) + 1, numbered(rows.image, len(images)), by_point, ends,
         )  # fmt: skip
-    with file(folder, "rigs", len(cameras)) as out:
-        for number in cameras.values():
-            out.put(records.RIG, number, 1)
-            out.put(records.SENSOR, 0, number)
-            out.end()
-    with file(folder, "frames", len(images)) as out:
-        for k, (_, camera) in enumerate(images):
-            out.put(records.FRAME, k + 1, camera, *pose[k], 1)
-            out.put(records.DATA, 0, camera, k + 1)
-            out.end()
+    write_rigs(block, folder, file, records, cameras)
     write_ground(block, points[rows.ties :], rows.point_names[rows.ties :], folder)
     positions = camera_positions(block)
     if len(positions):
