@@ -411,9 +411,9 @@ def _protocol(folder: Path) -> list[list[str]]:
 
 
 def _as_aicon(interior: np.ndarray) -> np.ndarray:
-    """Ck, Xh, Yh, A1, A2, B1, B2 (mm) of our interior parameters (15,)."""
+    """Ck, Xh, Yh, A1, A2, B1, B2 (mm) of our interior parameters."""
     pitch, r0 = _SENSOR_MM[0] / _SENSOR_PX[0], 13.488
-    of = dict(zip(INTERIOR, interior, strict=True))
+    of = dict(zip(INTERIOR, interior, strict=False))
     f, c = of["f"] * pitch, -of["f"] * pitch
     for _ in range(50):  # f = -c (1 - A1 r0^2 - A2 r0^4), which A1 and A2 have in them
         a1, a2 = -of["k1"] * f / c**3, -of["k2"] * f / c**5

@@ -142,7 +142,7 @@ class TestDerivatives:
     @every_camera
     def test_by_every_interior_parameter(self, lens, parameter):
         k = INTERIOR.index(parameter)
-        step = 1e-3 * np.eye(len(INTERIOR))[k] * (100 if k < 3 else 1)
+        step = 1e-3 * np.eye(len(INTERIOR), 16)[k] * (100 if k < 3 else 1)
         high, low = (project_rays(self.RAYS, lens.interior + s) for s in (step, -step))
         numeric = (high - low) / (2 * step[k])
         analytic = interior_derivatives(self.RAYS, lens.interior)[:, :, k]

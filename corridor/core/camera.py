@@ -8,7 +8,13 @@ Pixels, (0, 0) is the centre of the top-left pixel; camera frame x right, y down
 Distortion goes from the ray to the image. OpenCV's p1, p2 are our p2, p1; DBAT and some files
 of MicMac go from the image to the ray (`image_to_ray`).
 
-Source: Fraser 1997, "Digital camera self-calibration", in normalised units.
+A fisheye lens is equidistant: theta = atan(r), r = sqrt(r2), and u theta / r, v theta / r stand for
+u, v in all of the above (then r2 is theta^2), but b1 and b2 act on the distorted ones: x' + b1 x' +
+b2 y'. With k1..k4 that is the formula of OpenCV and COLMAP, fx and fy being f (1 + b1) and f, with
+p1, p2 too that of Metashape. Rays are (u, v, 1): none at 90 degrees or more from the axis.
+
+Sources: Fraser 1997, "Digital camera self-calibration", in normalised units; Kannala and Brandt
+2006, "A generic camera model", for lenses whose radius in the picture is a polynomial of theta.
 """
 
 from collections.abc import Iterable, Mapping
@@ -25,13 +31,23 @@ from corridor.core.textfile import is_number
 INTERIOR = ("f", "cx", "cy", "p1", "p2", "b1", "b2") + tuple(f"k{n}" for n in range(1, 9))
 FRASER8 = ("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2")
 FRASER10 = (*FRASER8, "b1", "b2")
+FISHEYE = ("f", "cx", "cy", "k1", "k2", "k3", "k4")
 ROW_DIRECTIONS = ("down", "up", "right", "left")
+# How a lens takes directions to the picture. Behind its parameters an interior vector says which,
+# by its number here; a vector without that number is a central projection.
+MODELS = ("central", "fisheye")
+_MODEL = len(INTERIOR)
 _FIRST_RADIAL = 7
+# Square of the tangent up to which theta / r is a series: its slope would lose digits.
+_NEAR_AXIS = 1e-3
+_FLATTEST = np.radians(89.0)
 # Share of its distance from the middle by which no term of a lens moves the picture's corner, even
 # of a polynomial whose terms take each other back.
 _MOST_BENT = 1e4
-# Tangent of half the angle of the widest lens: beyond it the focal length is at fault (in mm?).
-_WIDEST = 3.0
+# Tangent of half the angle of the widest lens: beyond it the focal length is at fault (in mm?). A
+# focal length below this share of the picture's long side sees more than 147 degrees, and as a
+# fisheye more than there are.
+_WIDEST, _SHORTEST = 3.0, 0.15
 # No picture has a longer side, px: strips of line scanners have some 1e5 rows.
 _LARGEST = 1e6
 
@@ -40,7 +56,8 @@ _LARGEST = 1e6
 class Camera:
     """One camera of a block.
 
-    interior: (15,) float64 in the order of `INTERIOR`; f, cx, cy in pixels, the rest without unit.
+    interior: (16,) float64 in the order of `INTERIOR`, f, cx, cy in pixels, the rest without unit;
+        last the number of the model in `MODELS` (0, central, where 15 are given).
         `Camera.from_table("P1", {"width": 6000, "height": 4000, "f": 8190})` fills it.
     readout_s: seconds from the first to the last row, None where unknown.
     calibrated: the values are a calibration and stay fixed unless asked otherwise.
@@ -58,7 +75,9 @@ class Camera:
     extra: dict = field(default_factory=dict)
 
     def __post_init__(self):
-        if np.shape(self.interior) != (len(INTERIOR),):
+        if np.shape(self.interior) == (_MODEL,):
+            object.__setattr__(self, "interior", np.append(self.interior, 0.0))
+        if np.shape(self.interior) != (_MODEL + 1,):
             raise InputError(
                 f"camera {self.name}: interior is {self.interior!r}, not {len(INTERIOR)} numbers "
                 f"({', '.join(INTERIOR)}): write Camera.from_table({self.name!r}, "
@@ -68,8 +87,9 @@ class Camera:
     def __repr__(self) -> str:
         readout = "" if self.readout_s is None else f", read in {1000 * self.readout_s:g} ms"
         calibrated = ", calibrated" if self.calibrated else ""
+        fisheye = ", fisheye" if self.fisheye else ""
         return (
-            f"Camera {self.name}: {self.width} x {self.height} px, f {self['f']:.6g} px"
+            f"Camera {self.name}: {self.width} x {self.height} px, f {self['f']:.6g} px{fisheye}"
             f"{readout}{calibrated}"
         )
 
@@ -108,9 +128,16 @@ class Camera:
         focal = number("f")
         if focal <= 0:
             raise InputError(f"{where} f = {focal:g} is not positive: give f in pixels")
-        interior = np.zeros(len(INTERIOR))
+        model = table.pop("model", MODELS[0])
+        if model not in MODELS:
+            raise InputError(
+                f"{where} model = {model!r} is unknown: use one of {', '.join(MODELS)} (how the "
+                "lens takes directions to the picture; default central)"
+            )
+        interior = np.zeros(_MODEL + 1)
+        interior[_MODEL] = MODELS.index(model)
         interior[:3] = focal, number("cx", (width - 1) / 2), number("cy", (height - 1) / 2)
-        for index in range(3, len(INTERIOR)):
+        for index in range(3, _MODEL):
             interior[index] = number(INTERIOR[index], 0.0)
         terms = _at_the_corner(interior, width, height)
         if not terms.max() < _MOST_BENT:
@@ -141,7 +168,9 @@ class Camera:
     def to_table(self) -> dict:
         """The `[camera.NAME]` table; distortion that is zero is left out."""
         table: dict[str, Any] = {"width": self.width, "height": self.height}
-        for name, value in zip(INTERIOR, self.interior.tolist(), strict=True):
+        if self.fisheye:
+            table["model"] = self.model
+        for name, value in zip(INTERIOR, self.interior.tolist(), strict=False):
             if name in ("f", "cx", "cy") or value != 0.0:
                 table[name] = value
         for key in ("pixel_um", "readout_s"):
@@ -156,9 +185,34 @@ class Camera:
     def __getitem__(self, parameter: str) -> float:
         return float(self.interior[INTERIOR.index(parameter)])
 
+    @property
+    def model(self) -> str:
+        """One of `MODELS`."""
+        return MODELS[int(self.interior[_MODEL])]
+
+    @property
+    def fisheye(self) -> bool:
+        """Whether the lens is a fisheye."""
+        return bool(self.interior[_MODEL])
+
+    @property
+    def too_short(self) -> str:
+        """What to say of a focal length that no lens has; empty where one may."""
+        if self["f"] >= _SHORTEST * max(self.width, self.height):
+            return ""
+        told = ": divide millimetres by the size of a pixel, in millimetres"
+        if self.pixel_um:
+            told = f", {self['f']:g} mm are {1000 * self['f'] / self.pixel_um:.0f}"
+        size = f"{self.width} x {self.height} px"
+        return f"is too short for a picture of {size}: f is in pixels{told}"
+
     def with_interior(self, interior: np.ndarray) -> "Camera":
-        """The same camera with another interior vector (15,)."""
+        """The same camera with another interior vector (16,)."""
         return replace(self, interior=np.array(interior, dtype=float))
+
+    def with_model(self, model: str) -> "Camera":
+        """The same numbers for a lens of another of `MODELS`."""
+        return self.with_interior(np.append(self.interior[:_MODEL], MODELS.index(model)))
 
     def with_values(self, **values: float) -> "Camera":
         """The same camera with some interior parameters replaced: `with_values(f=5500.0)`."""
@@ -171,18 +225,18 @@ class Camera:
 def _at_the_corner(interior: np.ndarray, width: int, height: int) -> np.ndarray:
     """How far each parameter (15,) moves the corner, in distances from the middle; 0 for f."""
     far = min(np.hypot(width, height) / 2 / interior[0], _WIDEST)
-    power = np.array([0, 0, 0, 1, 1, 0, 0, *range(2, 2 * (len(interior) - _FIRST_RADIAL) + 1, 2)])
-    terms = np.abs(interior) * far**power
+    power = np.array([0, 0, 0, 1, 1, 0, 0, *range(2, 2 * (_MODEL - _FIRST_RADIAL) + 1, 2)])
+    terms = np.abs(interior[:_MODEL]) * far**power
     terms[:_FIRST_RADIAL] *= (0, 0, 0, 3, 3, 1, 1)
     return np.nan_to_num(terms, posinf=np.inf)
 
 
 def parameters_named(text: str) -> tuple[str, ...]:
-    """Interior parameters from `fraser8`, `fraser10`, `fixed` or a list such as `f,cx,cy,k1`.
+    """Interior parameters from `fraser8`, `fraser10`, `fisheye`, `fixed` or a list as `f,cx,k1`.
 
     Raises InputError where a name is unknown.
     """
-    ready = {"fixed": (), "fraser8": FRASER8, "fraser10": FRASER10}
+    ready = {"fixed": (), "fraser8": FRASER8, "fraser10": FRASER10, "fisheye": FISHEYE}
     if text in ready:
         return ready[text]
     names = [name.strip() for name in text.split(",") if name.strip()]
@@ -190,7 +244,7 @@ def parameters_named(text: str) -> tuple[str, ...]:
     if unknown or not names:
         raise InputError(
             f"camera parameter {', '.join(unknown) or repr(text)} is unknown: use fixed, fraser8, "
-            f"fraser10 or a list of {', '.join(INTERIOR)}"
+            f"fraser10, fisheye or a list of {', '.join(INTERIOR)}"
         )
     return tuple(name for name in INTERIOR if name in names)
 
@@ -199,12 +253,70 @@ def parameters_named(text: str) -> tuple[str, ...]:
 
 
 @njit(**SCALAR)
+def equidistant(r2):
+    """theta / r of a ray at r = tan(theta), and its derivative by r2."""
+    if r2 < _NEAR_AXIS:
+        # atan(r) / r = 1 - r2 / 3 + r2^2 / 5 - ...: what is left out is below the last digit.
+        scale = 1.0 + r2 * (-1 / 3 + r2 * (1 / 5 + r2 * (-1 / 7 + r2 * (1 / 9 - r2 / 11))))
+        slope = -1 / 3 + r2 * (2 / 5 + r2 * (-3 / 7 + r2 * (4 / 9 + r2 * (-5 / 11 + r2 * 6 / 13))))
+        return scale, slope
+    r = np.sqrt(r2)
+    scale = np.arctan(r) / r
+    return scale, (1.0 / (1.0 + r2) - scale) / (2.0 * r2)
+
+
+@njit(**SCALAR)
+def through_lens(u, v, scale, slope, bent):
+    """`distorted` of (u scale, v scale) with its derivative by u and v: numbers, or panels of them.
+
+    slope: derivative of scale by r2; bent: `distorted` with its derivative by u scale and v scale.
+    """
+    a, b, au, av, bu, bv = bent
+    by_u, by_v = 2.0 * u * slope, 2.0 * v * slope
+    uu, uv, vv = scale + u * by_u, u * by_v, scale + v * by_v
+    return a, b, au * uu + av * uv, au * uv + av * vv, bu * uu + bv * uv, bu * uv + bv * vv
+
+
+@njit(**SCALAR)
+def affine_after(b1, b2, bent):
+    """`distorted` after b1 and b2 of a fisheye; as it is where they are 0."""
+    a, b, au, av, bu, bv = bent
+    return (
+        a + (b1 * a + b2 * b), b, au + (b1 * au + b2 * bu), av + (b1 * av + b2 * bv), bu, bv
+    )  # fmt: skip
+
+
+@njit(**SCALAR)
+def is_fisheye(interior, row):
+    """Whether the lens of a row is a fisheye."""
+    return interior.shape[1] > _MODEL and interior[row, np.uint64(_MODEL)] > 0.0
+
+
+@njit(**SCALAR)
+def lens_scale(u, v, interior, row):
+    """By what the lens of `row` multiplies the ray (u, v) before its distortion, and the derivative
+    by r2: 1 and 0 of a central projection."""
+    if is_fisheye(interior, row):
+        return equidistant(u * u + v * v)
+    return 1.0, 0.0
+
+
+@njit(**SCALAR)
 def distort_normalised(u, v, interior, row, radials):
     """The ray (u, v, 1) distorted, at unit focal length, and its derivative by u and v.
 
-    interior: (m, 15), of which `row` counts; radials: how many radial coefficients to look at.
+    interior: (m, 16), of which `row` counts; radials: how many radial coefficients to look at.
     Returns a, b, au, av, bu, bv: the pixel is (cx + f a, cy + f b).
     """
+    scale, by_r2 = lens_scale(u, v, interior, row)
+    return through_lens(
+        u, v, scale, by_r2, _bent(u * scale, v * scale, interior, row, radials)
+    )  # fmt: skip
+
+
+@njit(**SCALAR)
+def _bent(u, v, interior, row, radials):
+    """As `distort_normalised`, of a place behind the lens, of a fisheye u, v times `lens_scale`."""
     r2 = u * u + v * v
     radial = 0.0
     slope = 0.0  # d radial / d r2
@@ -215,6 +327,8 @@ def distort_normalised(u, v, interior, row, radials):
     radial = radial * r2 + 1.0
     p1, p2 = interior[row, np.uint64(3)], interior[row, np.uint64(4)]
     b1, b2 = interior[row, np.uint64(5)], interior[row, np.uint64(6)]
+    if is_fisheye(interior, row):
+        return affine_after(b1, b2, distorted(u, v, radial, slope, (p1, p2, 0.0, 0.0)))
     return distorted(u, v, radial, slope, (p1, p2, b1, b2))
 
 
@@ -259,8 +373,10 @@ def distort(u, v, interior, row, radials):
 def interior_columns(u, v, a, b, f, one, zero):
     """Derivative (x, y) of the pixel of the ray (u, v) by each of f, cx, cy, p1, p2, b1, b2.
 
-    a, b: the ray distorted (`distort_normalised`), f: the focal length; one, zero: of the same
-    kind, numbers or panels. By the radial coefficient n: f r2^n (u, v).
+    u, v: of a fisheye times its `lens_scale`; a, b: the ray distorted (`distort_normalised`), f:
+    the focal length; one, zero: of the same kind, numbers or panels. By the radial coefficient n:
+    f r2^n (u, v). Of a fisheye those by p and k go through its affinity, and those by b1 and b2
+    have a, b before it in place of u, v.
     """
     r2 = u * u + v * v
     mixed = 2.0 * f * u * v
@@ -276,8 +392,8 @@ def interior_columns(u, v, a, b, f, one, zero):
 
 
 def radials_in_use(interior: np.ndarray) -> int:
-    """How many radial coefficients of the vectors (n, 15) are needed: up to the last non-zero."""
-    used = np.flatnonzero(interior[:, _FIRST_RADIAL:].any(axis=0))
+    """How many radial coefficients of the vectors (n, 16) are needed: up to the last non-zero."""
+    used = np.flatnonzero(interior[:, _FIRST_RADIAL:_MODEL].any(axis=0))
     return int(used[-1]) + 1 if len(used) else 0
 
 
@@ -302,7 +418,7 @@ def _reached(u, v, interior, row, radials):
     if most < 0.9:  # The terms of the derivative cannot add up to a fold.
         return True
     for n in range(1, 33):
-        _, _, xu, xv, yu, yv = distort(u * n / 32, v * n / 32, interior, row, radials)
+        _, _, xu, xv, yu, yv = _bent(u * n / 32, v * n / 32, interior, row, radials)
         if xu * yv - xv * yu <= 0.0:
             return False
     return True
@@ -314,12 +430,12 @@ def _undistort(pixels, interior, image, radials):
     for n in range(pixels.shape[0]):
         row = np.uint64(image[n])
         f = interior[row, 0]
-        u = (pixels[n, 0] - interior[row, 1]) / f
-        v = (pixels[n, 1] - interior[row, 2]) / f
+        x = u = (pixels[n, 0] - interior[row, 1]) / f
+        y = v = (pixels[n, 1] - interior[row, 2]) / f
         done = False
         for _ in range(50):
-            x, y, xu, xv, yu, yv = distort(u, v, interior, row, radials)
-            ex, ey = pixels[n, 0] - x, pixels[n, 1] - y
+            a, b, xu, xv, yu, yv = _bent(u, v, interior, row, radials)
+            ex, ey = x - a, y - b
             det = xu * yv - xv * yu
             if det <= 0.0:  # beyond the fold of the distortion: no ray belongs to this pixel
                 break
@@ -349,8 +465,8 @@ def project_rays(
 ) -> np.ndarray:
     """Pixels (n, 2) of rays u, v (n, 2).
 
-    interior: (15,) for all rays, or (m, 15) with row (n,) saying which belongs to each ray.
-    Source: Fraser 1997 in normalised units (top of this file).
+    interior: (16,) for all rays, or (m, 16) with row (n,) saying which belongs to each ray.
+    Sources: top of this file.
     """
     rays = np.ascontiguousarray(rays, dtype=float)
     table, rows, radials = _rows(interior, row, len(rays))
@@ -368,7 +484,7 @@ def project(
 
     points: (n, 3) metres, world.
     centre, rotation: (3,) and (3, 3) for one image, or (n, 3) and (n, 3, 3), world to camera.
-    interior: (15,), or (m, 15) with row (n,).
+    interior: (16,), or (m, 16) with row (n,).
     """
     points = np.asarray(points, dtype=float)
     seen = np.einsum("...ij,...j->...i", rotation, points - centre)
@@ -382,11 +498,35 @@ def undistort(
 ) -> np.ndarray:
     """Rays u, v (n, 2) of pixels (n, 2), to better than 1e-9 px: the inverse of `project_rays`.
 
-    NaN where no ray belongs to the pixel (beyond the fold of a strong distortion).
+    NaN where no ray belongs to the pixel: beyond the fold of a strong distortion, or, of a fisheye,
+    at 90 degrees or more from the axis.
     """
     pixels = np.ascontiguousarray(pixels, dtype=float)
     table, rows, radials = _rows(interior, row, len(pixels))
-    return _undistort(pixels, table, rows, radials)
+    # What the lens has before its distortion, then the ray.
+    found = _undistort(pixels, table, rows, radials)
+    return _from_lens(found, table, rows, np.nan)
+
+
+def without_distortion(
+    pixels: np.ndarray, interior: np.ndarray, row: np.ndarray | None = None
+) -> np.ndarray:
+    """As `undistort`, the distortion left out: near by, and where `undistort` has none as well;
+    what a fisheye sees beyond 89 degrees from its axis is put there."""
+    table, rows, _ = _rows(interior, row, len(pixels))
+    inner = table[rows]
+    return _from_lens((pixels - inner[:, 1:3]) / inner[:, :1], table, rows, np.tan(_FLATTEST))
+
+
+def _from_lens(seen: np.ndarray, table: np.ndarray, rows: np.ndarray, beside: float) -> np.ndarray:
+    """The rays (n, 2) that lenses take to these places (n, 2) before their distortion. beside:
+    length of those that lie farther than `_FLATTEST` from the axis, or NaN: of 90 degrees on."""
+    if table.shape[1] > _MODEL and table[:, _MODEL].any():
+        mine = np.flatnonzero(table[rows, _MODEL] > 0)
+        theta = np.maximum(np.hypot(*seen[mine].T), 1e-12)
+        most = np.pi / 2 if np.isnan(beside) else _FLATTEST
+        seen[mine] *= (np.where(theta < most, np.tan(theta), beside) / theta)[:, None]
+    return seen
 
 
 # --- the other direction of distortion -------------------------------------------------------
@@ -401,7 +541,7 @@ def image_to_ray(pixels: np.ndarray, interior: np.ndarray) -> np.ndarray:
     c = np.asarray(interior, dtype=float)
     u, v = ((np.asarray(pixels, dtype=float) - c[1:3]) / c[0]).T
     r2 = u * u + v * v
-    radial = 1.0 + r2 * np.polynomial.polynomial.polyval(r2, c[_FIRST_RADIAL:])
+    radial = 1.0 + r2 * np.polynomial.polynomial.polyval(r2, c[_FIRST_RADIAL:_MODEL])
     return np.stack(
         [
             u * radial + c[3] * (r2 + 2 * u * u) + 2 * c[4] * u * v,
@@ -440,6 +580,8 @@ def _derivatives(rays, interior, row):
         u, v, f = rays[n, 0], rays[n, 1], interior[i, 0]
         a, b, au, av, bu, bv = distort_normalised(u, v, interior, i, 8)
         out[n, 30], out[n, 31], out[n, 32], out[n, 33] = f * au, f * av, f * bu, f * bv
+        scale, _ = lens_scale(u, v, interior, i)
+        u, v = u * scale, v * scale
         columns = interior_columns(u, v, a, b, f, 1.0, 0.0)
         for k in range(7):
             out[n, 2 * k], out[n, 2 * k + 1] = columns[k]
@@ -447,19 +589,33 @@ def _derivatives(rays, interior, row):
         for k in range(7, 15):
             power *= u * u + v * v
             out[n, 2 * k], out[n, 2 * k + 1] = power * u, power * v
+        if is_fisheye(interior, i):
+            b1, b2 = interior[i, 5], interior[i, 6]
+            out[n, 10], out[n, 12] = f * (a - b2 * b) / (1.0 + b1), f * b
+            for k in (3, 4, 7, 8, 9, 10, 11, 12, 13, 14):
+                out[n, 2 * k] += b1 * out[n, 2 * k] + b2 * out[n, 2 * k + 1]
     return out
 
 
 def interior_derivatives(rays: np.ndarray, interior: np.ndarray) -> np.ndarray:
-    """Derivative (n, 2, 15) of the pixels of rays (n, 2) by the interior vector (15,)."""
+    """Derivative (n, 2, 15) of the pixels of rays (n, 2) by `INTERIOR`."""
     rays = np.ascontiguousarray(rays, dtype=float)
     table, rows, _ = _rows(interior, None, len(rays))
     return _derivatives(rays, table, rows)[:, :30].reshape(-1, 15, 2).transpose(0, 2, 1)
 
 
+def ray_derivatives(
+    rays: np.ndarray, interior: np.ndarray, row: np.ndarray | None = None
+) -> np.ndarray:
+    """Derivative (n, 2, 2) of the pixels of rays (n, 2) by u and v; arguments as `project_rays`."""
+    rays = np.ascontiguousarray(rays, dtype=float)
+    table, rows, _ = _rows(interior, row, len(rays))
+    return _derivatives(rays, table, rows)[:, 30:].reshape(-1, 2, 2)
+
+
 class ProjectionDerivatives(NamedTuple):
     """Of pixels: by the point (n, 2, 3), by the pose (n, 2, 6), centre in the world and turn about
-    the camera's axes, R <- Exp(turn) R, and by the interior vector (n, 2, 15)."""
+    the camera's axes, R <- Exp(turn) R, and by `INTERIOR` (n, 2, 15)."""
 
     by_point: np.ndarray
     by_pose: np.ndarray

@@ -28,7 +28,7 @@ from corridor.core.preparation import (
     mirrored,
     plausibility_warnings,
     prepare,
-    without_marks_of_other_pictures,
+    without_impossible_points,
 )
 from corridor.diagnosis.anomalies.variance import variance_alarms
 from corridor.diagnosis.anomalies.wrong_matches import broken_picture, outlier_clusters, shows_as
@@ -138,7 +138,7 @@ def _diagnose(
     for told in mirrored(block):
         raise InputError(f"{told} Correct tie_points.csv and marks.csv.")
     block, turned = with_turns_as_seen(block, lambda part: refit(part, model, run))
-    block, other = without_marks_of_other_pictures(block, run.strict)
+    block, other = without_impossible_points(block, run.strict)
     block, left_out = adjustable_part(block, model, run.strict)
     doubtful = [*turned, *other, *plausibility_warnings(block)]
     notes = [*left_out, *notes]

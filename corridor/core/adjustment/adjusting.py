@@ -50,7 +50,7 @@ from corridor.core.preparation import (
     Prepared,
     plausibility_warnings,
     prepare,
-    without_marks_of_other_pictures,
+    without_impossible_points,
 )
 
 # Real flights take 15 to 30; a robust loss creeps along weak directions for up to 70.
@@ -164,7 +164,7 @@ def adjust(
             return found
 
     block, turned = with_turns_as_seen(block, again)
-    block, other = without_marks_of_other_pictures(block, run.strict)
+    block, other = without_impossible_points(block, run.strict)
     block, left_out = adjustable_part(block, model, run.strict)
     doubtful = [*turned, *other, *plausibility_warnings(block)]
 

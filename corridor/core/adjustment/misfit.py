@@ -1,9 +1,13 @@
 """What measurements and start values say of each other: where to look when nothing converged."""
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.block import along_axes
+from corridor.core.camera import MODELS
 
 _NAMED = 3
 # What a drone's log misses: single-point GNSS, and attitudes of half a degree.
@@ -46,7 +50,24 @@ def misfit(system: LinearSystem, far: bool = False) -> list[str]:
         f"Image points lie {np.nanmedian(length):.0f} px (median) from where the start values put "
         f"them; most in {named}."
     )
-    return out
+    return [*out, *_other_lenses(system, length)]
+
+
+def _other_lenses(system: LinearSystem, length: np.ndarray) -> Iterator[str]:
+    """Sentences on cameras with whose other model image points lie nearer, by more than half."""
+    p = system.problem
+    camera = p.images.camera[p.img]
+    for k, (name, stated) in enumerate(p.block.cameras.items()):
+        interior, other = system.state.interior.copy(), MODELS[1 - stated.fisheye]
+        interior[k, -1] = 1.0 - stated.fisheye
+        left = replace(system, state=replace(system.state, interior=interior)).residuals().pixels
+        both = np.stack([length, np.linalg.norm(left, axis=1)])[:, camera == k]
+        before, after = np.nanmedian(both, axis=1) if both.size else (0.0, 0.0)
+        if after < before / 2 and before > _LOG_PX:
+            yield (
+                f"Through camera {name} they lie {before:.0f} px off, and {after:.0f} px with "
+                f'model = "{other}" in [camera.{name}] of block.toml: which lens is it?'
+            )
 
 
 def _metres(what: str, names, left: np.ndarray) -> str:

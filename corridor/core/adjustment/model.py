@@ -115,8 +115,8 @@ class Model:
     """What is estimated, and what is known of it beforehand.
 
     camera: free interior parameters, `fixed`, `fraser8`, `fraser10`, `f,cx,cy,k1` or a list of
-        names; a mapping gives each camera its own. Default: eight, or none where the camera is
-        calibrated.
+        names; a mapping gives each camera its own. Default: eight, and k4 of a fisheye, or none
+        where the camera is calibrated.
     effects: slugs of effects to estimate with the rest (`slug@flight` for one set a flight), or
         effects; one alone needs no list.
     control, check: ground points with that role, in place of the roles in ground.csv: names, or
@@ -305,5 +305,6 @@ def _joined(free: str | Iterable[str]) -> str:
 
 
 def camera_of(block: Block, free: str) -> dict[str, str]:
-    """The same free parameters for each camera, none where it is calibrated."""
-    return {name: "fixed" if c.calibrated else free for name, c in block.cameras.items()}
+    """The same free parameters for each camera, with k4 of a fisheye; none where calibrated."""
+    free_of = {False: free, True: ",".join({**dict.fromkeys(parameters_named(free)), "k4": None})}
+    return {n: "fixed" if c.calibrated else free_of[c.fisheye] for n, c in block.cameras.items()}

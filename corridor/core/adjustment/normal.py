@@ -15,7 +15,7 @@ from corridor.core.adjustment.problem import POSE_KINDS, Problem, State
 from corridor.core.adjustment.rigs import rig_rows
 from corridor.core.adjustment.unknowns import is_per_image, per_image_code
 from corridor.core.block import turned
-from corridor.core.camera import INTERIOR, radials_in_use
+from corridor.core.camera import INTERIOR, radials_in_use, without_distortion
 from corridor.core.effects import ROW_REACH, Context, Images
 from corridor.core.engine import scene as arrays
 from corridor.core.engine.interface import engine
@@ -143,7 +143,7 @@ class Normal:
         interior = state.interior[images.camera]
         shift, d_interior = p.stack.evaluate("camera", every, state.effects)
         if p.stack.at("camera"):
-            interior = interior + shift
+            interior = interior + _widened(shift, interior.shape[1])
         motion, d_motion = p.stack.motion_by_row(images, state.effects)
         motion, d_motion = _for_kernels(state.rotation, motion, d_motion)
         c = len(p.control_rows)
@@ -163,13 +163,16 @@ class Normal:
         radials = int(radials_in_use(interior))
         for name in {name for free in p.free.values() for name in free}:
             radials = max(radials, INTERIOR.index(name) - _FIRST_RADIAL + 1)
+        fisheye = bool(interior[:, -1].any())
+        radials = max(radials, 2) if fisheye else radials
         row_of = images.row_of.copy()
         row_of[:, 1:] /= ROW_REACH
         pose = [state.centre, state.rotation.reshape(-1, 9), row_of, np.zeros((len(row_of), 1))]
         turns = any(by[..., 3:6].any() for by in (motion, d_motion))
         cameras = arrays.Cameras(
-            np.concatenate(pose, axis=1), _widened(interior, arrays.INNER), radials, motion, turns
-        )
+            np.concatenate(pose, axis=1), np.ascontiguousarray(interior), radials,
+            fisheye, motion, turns,
+        )  # fmt: skip
         d_interior = _widened(d_interior.transpose(0, 2, 1), arrays.INNER)
         return View(state, images, cameras, d_interior, d_motion, residual, d_ground)
 
@@ -356,8 +359,7 @@ class Normal:
         row = np.where(down, p.xy[moving, 1], p.xy[moving, 0])
         if not self.has_image_effects:
             return Modelled(row, np.zeros((0, 4)), np.zeros((0, 4)), _NO_SIGHT)
-        inner = p.start.interior[p.images.camera[p.img]]
-        ray = (p.xy - inner[:, 1:3]) / inner[:, :1]
+        ray = without_distortion(p.xy, p.start.interior, p.images.camera[p.img])
         sight = np.zeros((len(p.img), 2, 9)) if self.sighted else _NO_SIGHT
         pixel = np.concatenate([p.xy, ray], axis=1)
         return Modelled(row, pixel, np.zeros((len(p.img), 4)), sight)

@@ -7,6 +7,7 @@ import pandas as pd
 
 from corridor.core.adjustment.blunders import exchanged_points, told_exchanged, where_seen
 from corridor.core.adjustment.tables import Tables
+from corridor.core.camera import project_rays
 from corridor.core.effects import Without, every_effect
 from corridor.core.errors import some
 from corridor.core.geometry import GROSS
@@ -26,6 +27,8 @@ NOT_SQUARE = 2e-3
 FAR_FOCAL, FAR_CENTRE = 0.08, 0.1
 # No drone carries its antenna so far from the camera.
 LONG_ARM_M = 5.0
+# So far from the axis the two models of lenses are compared at most: the tangent is 5 there.
+WIDEST_RAD = 1.37
 # Lever arms of one camera in two flights are another's beyond this many sigmas and this size, m,
 # which no mounting moves by.
 _SURE_OF_ARMS, _OTHER_ARM_M = 5.0, 0.1
@@ -48,6 +51,7 @@ def grave(adjustment: Tables) -> list[str]:
     return [
         *_convergence(adjustment),
         *implausible(adjustment),
+        *_straight_fisheyes(adjustment),
         *different_arms(adjustment),
         *_inseparable(adjustment),
         *_motion(adjustment),
@@ -105,6 +109,22 @@ def _strange_camera(a):
             yield (
                 f"The principal point of camera {name} came out at {cx:.0f}, {cy:.0f} px where "
                 f"block.toml states {stated['cx']:.0f}, {stated['cy']:.0f}: {cause}"
+            )
+
+
+def _straight_fisheyes(a):
+    """A fisheye whose distortion came out as what takes the fisheye back."""
+    for camera in a.block.cameras.values():
+        if not camera.fisheye or "k1" not in a.problem.free.get(camera.name, ()):
+            continue
+        theta = min(np.hypot(camera.width, camera.height) / 2 / camera["f"], WIDEST_RAD)
+        seen = project_rays(np.array([[np.tan(theta), 0.0]]), camera.interior)[0, 0]
+        # Lenses between the two (stereographic: k1 = 1/12) go a quarter of the way.
+        if (seen - camera["cx"]) / camera["f"] - theta > 0.75 * (np.tan(theta) - theta):
+            yield (
+                f"The distortion of camera {camera.name}, a fisheye in block.toml, came out as "
+                f"that of a central projection: k1 = {camera['k1']:.3f}, where 1/3 takes a fisheye "
+                'back to one. Is it an ordinary lens? Leave out model = "fisheye" of its table.'
             )
 
 

@@ -13,7 +13,7 @@ def table(camera: str, effect: str, prior: str, threads: int = 1) -> dict[str, d
 
     camera: the default of --camera. effect, prior: help of these. threads: default.
     """
-    default = f"(default: {camera}, fixed where block.toml says calibrated = true)"
+    default = f"(default: {camera}, with k4 of a fisheye, fixed where calibrated = true)"
     return {
         "block": {},
         "--output": option("folder for the results (none: print only)"),

@@ -129,7 +129,8 @@ SHARED = {
     "block": option("folder of the block", "BLOCK", Path),
     "--output": option("folder to write (none: print only)", "OUT", Path),
     "--camera": option(
-        "free camera parameters: fixed, a list such as f,cx,cy,k1,k2, fraser8 or fraser10", "WHAT"
+        "free camera parameters: fixed, a list such as f,cx,cy,k1,k2, fraser8, fraser10 or fisheye",
+        "WHAT",
     ),
     "--effect": option(
         "estimate this effect too (commas, may be repeated; `corridor effects` lists them)",

@@ -73,7 +73,8 @@ def _seen(block, table, images, stack, values):
     position = block.positions(table)[rows["point"].array.codes]
     every = np.arange(len(images.names))
     shift, _ = stack.evaluate("camera", Context(images, every), values)
-    interior = images.interior + shift
+    interior = images.interior.copy()
+    interior[:, : shift.shape[1]] += shift
     motion = np.zeros((len(rows), 6))
     moved = np.zeros((len(rows), 2))
     steady = not (stack.at("motion") or stack.at("image"))

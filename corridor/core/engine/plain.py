@@ -51,10 +51,12 @@ _AT_ONCE = 4_000_000
 class _Seen(NamedTuple):
     """Of n rays: image (n,); x (n, 3), the point in the camera's frame before the turn of its row,
     and place (n,) of that row, turn (n, 3); rotation (n, 3, 3); ahead (n,): whether the point is
-    before the camera; ray (n, 2), focal (n,) and the ray distorted (n, 2); weight (n,) with that
-    of the loss; by (n, 2, 3): weighted derivative of the pixel by x; slope (n, 2, 2): of the pixel
-    by what it is before effects, before a moving camera and before correlated coordinates;
-    residual (n, 2), weighted; cost (n,); row (n,) and pixel (n, 2): where it is found now."""
+    before the camera; ray (n, 2), lens (n, 2), the same before its distortion (`_through_lens`),
+    focal (n,) and the ray distorted (n, 2), affine (n, 2, 2): what a fisheye does to it last;
+    stretched (n, 2): what b1 and b2 multiply; weight (n,) with that of the loss; by (n, 2, 3):
+    weighted derivative of the pixel by x; slope (n, 2, 2): of the pixel by what it is before
+    effects, before a moving camera and before correlated coordinates; residual (n, 2), weighted;
+    cost (n,); row (n,) and pixel (n, 2): where it is found now."""
 
     image: np.ndarray
     x: np.ndarray
@@ -63,8 +65,11 @@ class _Seen(NamedTuple):
     rotation: np.ndarray
     ahead: np.ndarray
     ray: np.ndarray
+    lens: np.ndarray
     focal: np.ndarray
     distorted: np.ndarray
+    affine: np.ndarray
+    stretched: np.ndarray
     weight: np.ndarray
     by: np.ndarray
     slope: np.ndarray
@@ -128,7 +133,12 @@ def _see_once(scene: Scene, row: np.ndarray, modelled: np.ndarray) -> _Seen:
     inverse = np.zeros(n)
     inverse[ahead] = 1.0 / bent[ahead, 2]
     ray, f = bent[:, :2] * inverse[:, None], interior[:, 0]
-    distorted, by_ray = _distorted(ray, interior)
+    lens, by_lens = _through_lens(ray, interior)
+    affine, fisheye = np.tile(np.eye(2), (n, 1, 1)), _fisheye(interior)[:, None]
+    affine[:, 0] += fisheye * interior[:, 5:7]
+    bent_ray, by_ray = _distorted(lens, interior)
+    stretched = np.where(fisheye, bent_ray, lens)
+    distorted, by_ray = _times(affine, bent_ray), affine @ by_ray @ by_lens
     pixel = interior[:, 1:3] + f[:, None] * distorted
     by = np.concatenate([by_ray, -_times(by_ray, ray)[:, :, None]], axis=2)
     by *= (f * inverse)[:, None, None]
@@ -163,7 +173,7 @@ def _see_once(scene: Scene, row: np.ndarray, modelled: np.ndarray) -> _Seen:
     cost, soft = _robust(scene.loss, cost)
     weight, residual = weight * soft, residual * soft[:, None]
     return _Seen(
-        image, x, place, turn, rotation, ahead, ray, f, distorted, weight,
+        image, x, place, turn, rotation, ahead, ray, lens, f, distorted, affine, stretched, weight,
         weight[:, None, None] * by, slope, residual, cost, row, pixel,
     )  # fmt: skip
 
@@ -185,10 +195,35 @@ def _course(motion: np.ndarray, place: np.ndarray):
     return at[:, :3], at[:, 3:], by[:, :3], by[:, 3:]
 
 
+def _through_lens(ray: np.ndarray, interior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rays (n, 2) as lenses have them before their distortion, and the derivative (n, 2, 2).
+
+    A fisheye has angles from the axis, theta = atan(r), in place of r = tan(theta): across the ray
+    it shrinks by theta / r, along it by d theta / d r = 1 / (1 + r^2).
+    """
+    r2 = np.sum(ray**2, axis=1)
+    r = np.sqrt(r2)
+    bent = _fisheye(interior) & (r > 0)
+    safe = np.where(bent, r, 1.0)
+    across = np.where(bent, np.arctan(safe) / safe, 1.0)
+    along = np.where(bent, 1.0 / (1.0 + r2), 1.0)
+    axis = ray / safe[:, None]
+    turned = axis[:, :, None] * axis[:, None]
+    by = across[:, None, None] * np.eye(2) + (along - across)[:, None, None] * turned
+    return across[:, None] * ray, by
+
+
+def _fisheye(interior: np.ndarray) -> np.ndarray:
+    """Which lenses (n,) are fisheyes."""
+    return interior[:, 15] > 0
+
+
 def _distorted(ray: np.ndarray, interior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rays (n, 2) distorted, at unit focal length, and their derivative (n, 2, 2)."""
     u, v = ray.T
-    p1, p2, b1, b2 = interior[:, 3:7].T
+    p1, p2 = interior[:, 3:5].T
+    # A fisheye has them behind (`_Seen.affine`).
+    b1, b2 = np.where(_fisheye(interior), 0.0, interior[:, 5:7].T)
     k = interior[:, 7:15]
     r2, power = u**2 + v**2, np.arange(1, 9)
     radial = 1.0 + np.sum(k * r2[:, None] ** power, axis=1)
@@ -256,16 +291,18 @@ def _rows(seen: _Seen, base: int, scene: Scene, d: int) -> tuple[np.ndarray, ...
 
 def _by_interior(seen: _Seen) -> np.ndarray:
     """Derivative (n, 2, 16) of the pixel by the interior parameters, and a column of zeros."""
-    (u, v), f = seen.ray.T, seen.focal
+    (u, v), f = seen.lens.T, seen.focal
     r2, mixed = u**2 + v**2, 2 * seen.focal * u * v
     out = np.zeros((len(f), 2, 16))
     out[:, :, 0] = seen.distorted
     out[:, 0, 1] = out[:, 1, 2] = 1.0
     out[:, 0, 3], out[:, 1, 3] = f * (r2 + 2 * u**2), mixed
     out[:, 0, 4], out[:, 1, 4] = mixed, f * (r2 + 2 * v**2)
-    out[:, 0, 5], out[:, 0, 6] = f * u, f * v
     radial = f[:, None] * r2[:, None] ** np.arange(1, 9)
-    out[:, :, 7:15] = seen.ray[:, :, None] * radial[:, None]
+    out[:, :, 7:15] = seen.lens[:, :, None] * radial[:, None]
+    bent = [3, 4, *range(7, 15)]
+    out[:, :, bent] = seen.affine @ out[:, :, bent]
+    out[:, 0, 5:7] = f[:, None] * seen.stretched
     return out
 
 

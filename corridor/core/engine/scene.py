@@ -32,12 +32,14 @@ class Observations(NamedTuple):
 
 class Cameras(NamedTuple):
     """Of each image: pose (m, 16), centre, rotation and `Images.row_of`; interior (m, 16), of which
-    `radials` radial coefficients count; motion (m, degree + 1, 8), centre in the camera frame and
+    `radials` radial coefficients count, the last number that of the lens; fisheye: whether any lens
+    is one; motion (m, degree + 1, 8), centre in the camera frame and
     turn, or (m, 0, 8) where no camera moves. turns: whether it, or its derivatives, turn any."""
 
     pose: np.ndarray
     interior: np.ndarray
     radials: int
+    fisheye: bool
     motion: np.ndarray
     turns: bool
 

@@ -17,7 +17,7 @@ from corridor.core.preparation.plausibility import (
     position_disagreement,
     position_outliers,
     unit_of,
-    without_marks_of_other_pictures,
+    without_impossible_points,
 )
 from corridor.core.preparation.plausibility_of_motion import paired_speeds, velocity_warnings
 from corridor.core.preparation.preparing import Prepared, prepare

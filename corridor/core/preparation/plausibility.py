@@ -10,7 +10,7 @@ from difflib import get_close_matches
 import numpy as np
 
 from corridor.core.block import LAYOUTS, Block
-from corridor.core.camera import INTERIOR
+from corridor.core.camera import INTERIOR, project_rays, undistort
 from corridor.core.errors import InputError, did_you_mean
 from corridor.core.geometry import (
     GROSS,
@@ -25,8 +25,6 @@ from corridor.core.preparation.plausibility_on_earth import earth_warnings
 
 # Readouts of frame sensors end at a quarter of a second.
 SLOWEST_READOUT_S = 0.5
-# A focal length below this share of the picture's long side sees more than 147 degrees.
-_WIDEST = 0.15
 # Observations outside their picture: a few are bad matches, which are named one by one.
 _SHARE_OUTSIDE = 0.02
 # What distortion and simulated effects push over the edge stays within this share of it.
@@ -39,7 +37,7 @@ _RESIZED, _OF_RESIZED = 0.05, 0.2
 _KEYS = ("name", "description", "source", "licence", "crs", "offset", "camera", "sigma",
          "lever_arm", "effect", "corrected", "derived", "date", "local_frame", "frame")  # fmt: skip
 # The last two are written by `corridor import photos`.
-_CAMERA_KEYS = ("width", "height", *INTERIOR, "pixel_um", "readout_s", "row_direction",
+_CAMERA_KEYS = ("width", "height", "model", *INTERIOR, "pixel_um", "readout_s", "row_direction",
                 "calibrated", "readout_from", "f_stated")  # fmt: skip
 # So far a file's name is that of a table: `tiepoints`, `Gnss`, `ground.txt`.
 _ALIKE = 0.85
@@ -72,7 +70,7 @@ def plausibility_warnings(block: Block) -> list[str]:
         *_positions(block),
         *_pictures(block),
         *(list(mirrored(block)) or turned_images(block)),
-        *without_marks_of_other_pictures(block)[1],
+        *without_impossible_points(block)[1],
         *_settings(block),
         *_units(block),
         *_passed_over(block),
@@ -113,14 +111,8 @@ def _settings(block: Block) -> Iterator[str]:
                     f"block.toml: {key} of [camera.{name}] is not known to corridor and not "
                     f"used{near}."
                 )
-        if camera["f"] < _WIDEST * max(camera.width, camera.height):
-            told = "f is in pixels"
-            if camera.pixel_um:
-                told += f", {camera['f']:g} mm are {1000 * camera['f'] / camera.pixel_um:.0f}"
-            yield (
-                f"block.toml: f = {camera['f']:g} of [camera.{name}] is too short for a picture of "
-                f"{camera.width} x {camera.height} px: {told}."
-            )
+        if camera.too_short:
+            yield f"block.toml: f = {camera['f']:g} of [camera.{name}] {camera.too_short}."
         readout = camera.readout_s
         if readout is not None and readout > SLOWEST_READOUT_S:
             yield (
@@ -287,18 +279,48 @@ def mirrored(block: Block) -> Iterator[str]:
         )
 
 
-def without_marks_of_other_pictures(block: Block, strict: bool = False) -> tuple[Block, list[str]]:
-    """The block without marks that lie where start values put them in pictures resized, turned or
-    mirrored, and a sentence that says so: no adjustment with them is of any use.
+def without_impossible_points(block: Block, strict: bool = False) -> tuple[Block, list[str]]:
+    """The block without image points with which no adjustment is of any use, and sentences on them.
 
-    Where tie points are turned, marks are turned with them. strict: raises InputError instead.
+    They are what a fisheye sees 90 degrees or more from its axis (but where that is most of it:
+    then its camera is wrong), and marks that lie where start values put them in pictures resized,
+    turned or mirrored. Where tie points are turned, marks are turned with them. strict: raises
+    InputError instead.
     """
-    if list(mirrored(block)) or list(turned_images(block)):
-        return block, []
-    told = list(_marks_of_other_pictures(block))
+    told = []
+    for table in ("tie_points", "marks"):
+        beside, rows = _beside(block, table), getattr(block, table)
+        if not beside.any():
+            continue
+        few = beside.mean() < 0.5
+        where = block.where(table, int(np.argmax(beside)))
+        told.append(
+            f"{where}: {beside.sum():,} of {len(rows):,} image points lie 90 degrees or more from "
+            "the axis of a fisheye, or where its distortion folds: corridor has no such rays. "
+            + ("They are set aside." if few else "Correct f and k1..k4 in block.toml.")
+        )
+        block = replace(block, **{table: rows[~beside].reset_index(drop=True)}) if few else block
+    if not (list(mirrored(block)) or list(turned_images(block))):
+        other = list(_marks_of_other_pictures(block))
+        told += other
+        block = replace(block, marks=block.marks.iloc[:0]) if other else block
     if told and strict:
         raise InputError(told[0])
-    return (replace(block, marks=block.marks.iloc[:0]) if told else block), told
+    return block, told
+
+
+def _beside(block: Block, table: str) -> np.ndarray:
+    """Which image points (n,) a fisheye would see 90 degrees or more from its axis."""
+    cameras = list(block.cameras.values())
+    wide = np.array([camera.fisheye and not camera.too_short for camera in cameras])
+    out = np.zeros(len(getattr(block, table)), dtype=bool)
+    if not wide.any():
+        return out
+    camera = block.image_camera[block.image_rows(table)]
+    rows = np.flatnonzero(wide[camera])
+    lens = np.array([camera.interior for camera in cameras])
+    out[rows] = np.isnan(undistort(block.numbers(table, "x", "y")[rows], lens, camera[rows])[:, 0])
+    return out
 
 
 def _marks_of_other_pictures(block: Block) -> Iterator[str]:
@@ -307,8 +329,10 @@ def _marks_of_other_pictures(block: Block) -> Iterator[str]:
     if len(rows) < _FEWEST:
         return
     pose, point = block.poses[image], block.positions("marks")[rows["point"].array.codes]
-    cameras = np.array([[c["f"], c["cx"], c["cy"], c.width, c.height]
-                        for c in block.cameras.values()])[block.image_camera[image]]  # fmt: skip
+    camera = block.image_camera[image]
+    lens = np.array([c.interior for c in block.cameras.values()])
+    lens[:, 3:-1] = 0.0
+    sizes = np.array([[c.width, c.height] for c in block.cameras.values()])[camera]
     known = np.isfinite(pose).all(axis=1) & np.isfinite(point).all(axis=1)
     rotation = rotation_from_quaternion(np.where(known[:, None], pose[:, 3:], [1.0, 0, 0, 0]))
     seen = np.einsum("nij,nj->ni", rotation, point - pose[:, :3])
@@ -317,11 +341,11 @@ def _marks_of_other_pictures(block: Block) -> Iterator[str]:
         return
     # From the corner of the picture, half a pixel before its first pixel's centre.
     measured = block.numbers("marks", "x", "y")[known] + 0.5
-    there = cameras[known, :1] * seen[known, :2] / seen[known, 2:] + cameras[known, 1:3] + 0.5
+    there = project_rays(seen[known, :2] / seen[known, 2:], lens, camera[known]) + 0.5
     factor = float(np.median(measured / there))
     off = np.median(np.linalg.norm(measured - there, axis=1))
     left = np.median(np.linalg.norm(measured - factor * there, axis=1))
-    size = cameras[known, 3:]
+    size = sizes[known]
     for words, other in (
         ("y were counted upwards", np.column_stack([measured[:, 0], size[:, 1] - measured[:, 1]])),
         ("the pictures were turned by 180 degrees", size - measured),
@@ -343,7 +367,7 @@ def _marks_of_other_pictures(block: Block) -> Iterator[str]:
     # A factor that takes whatever is there to the corner leaves marks where they are.
     if left > _OF_RESIZED * np.median(np.linalg.norm(measured, axis=1)):
         return
-    width, height = factor * cameras[known][0, 3:]
+    width, height = factor * size[0]
     yield (
         f"Marks lie {off:.0f} px (median) from where the start values put them, all towards the "
         f"corner x = y = 0 by one factor, {factor:.2f}: were they measured in pictures of "

@@ -69,14 +69,17 @@ def border_rays(camera: Camera, count: int = 9) -> np.ndarray:
     if not np.isfinite(rays).all():
         raise InputError(
             f"camera {camera.name}: its distortion folds inside the picture, nothing can be "
-            "projected there: check its coefficients"
+            "projected there: check its coefficients, and that it ends before 90 degrees"
         )
     return rays
 
 
 def ground_width(camera: Camera, long_side: str) -> np.ndarray:
     """Width of a picture along and across the flight, metres on the ground per metre of height."""
-    return np.ptp(border_rays(camera), axis=0)[:: -1 if long_side == "across" else 1]
+    rays = border_rays(camera)
+    # From the middle of each side: in a fisheye's corners the ground may have no end.
+    rays = rays[4::9] if camera.fisheye else rays
+    return np.ptp(rays, axis=0)[:: -1 if long_side == "across" else 1]
 
 
 def strips_of(flight: Flight, camera: Camera, axis: Axis) -> Strips:

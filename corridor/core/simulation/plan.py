@@ -29,8 +29,6 @@ _MOST_STRIPS = 10_000
 MOST_SURVEYED = 100_000
 # Above any aeroplane that takes pictures of corridors.
 _HIGHEST_M = 20_000.0
-# A focal length below this share of the picture's long side sees more than 147 degrees.
-_WIDEST = 0.15
 
 
 @dataclass(frozen=True)
@@ -349,16 +347,8 @@ class Plan:
                 f"[camera.{flight.camera}]"
             )
         camera = known[flight.camera]
-        if camera["f"] < _WIDEST * max(camera.width, camera.height):
-            told = "f is in pixels"
-            if camera.pixel_um:
-                told += f", {camera['f']:g} mm are {1000 * camera['f'] / camera.pixel_um:.0f}"
-            else:
-                told += ": divide millimetres by the size of a pixel, in millimetres"
-            raise InputError(
-                f"camera {flight.camera}: f = {camera['f']:g} is too short for a picture of "
-                f"{camera.width} x {camera.height} px: {told}"
-            )
+        if camera.too_short:
+            raise InputError(f"camera {flight.camera}: f = {camera['f']:g} {camera.too_short}")
         return camera
 
     def axis_of(self, flight: Flight) -> Axis:

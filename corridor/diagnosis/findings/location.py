@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import label
 
+from corridor.core.camera import without_distortion
 from corridor.core.effects import Context, Stack
 from corridor.diagnosis.forward_selection import Round
 from corridor.diagnosis.settings import SETTINGS
@@ -76,8 +77,7 @@ def _picture(system, stack, effect, table) -> tuple[str, dict]:
     rows, images = system.image_rows, system.images
     step = max(len(rows.image) // 40_000, 1)
     pixel, image, point = (each[::step] for each in (rows.xy, rows.image, rows.point))
-    interior = system.state.interior[images.camera[image]]
-    ray = (pixel - interior[:, 1:3]) / interior[:, :1]
+    ray = without_distortion(pixel, system.state.interior, images.camera[image])
     position = system.state.points[point]
     context = Context(images, image, pixel=pixel, ray=ray, position=position)
     shift, _ = stack.evaluate("image", context, {effect.slug: table})

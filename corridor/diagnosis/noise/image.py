@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from corridor.core.camera import projection_derivatives
 from corridor.core.geometry import is_outlier
 from corridor.diagnosis.settings import SETTINGS
 
@@ -111,19 +112,12 @@ def _marks(system: LinearSystem, residual, marks) -> tuple[np.ndarray, float]:
     """Pseudo-residuals (k, 2) of marks, and the factor on their stated standard deviations."""
     rows, state, sigma = system.image_rows, system.state, system.image_rows.sigma
     point, image = rows.point[marks], rows.image[marks]
-    seen = np.einsum("nij,nj->ni", state.rotation[image], state.points[point] - state.centre[image])
-    focal = state.interior[system.images.camera[image], 0] / seen[:, 2]
-    R = state.rotation[image]
-    by_point = (
-        np.stack(
-            [
-                R[:, 0] - (seen[:, 0] / seen[:, 2])[:, None] * R[:, 2],
-                R[:, 1] - (seen[:, 1] / seen[:, 2])[:, None] * R[:, 2],
-            ],
-            axis=1,
-        )
-        * focal[:, None, None]
-    )
+    lens = state.interior.copy()
+    lens[:, 3:-1] = 0.0  # but for its distortion
+    by_point = projection_derivatives(
+        state.points[point], state.centre[image], state.rotation[image], lens,
+        system.images.camera[image],
+    ).by_point  # fmt: skip
     common = np.zeros((len(marks), 2))
     apart = np.zeros(len(marks))
     left, lost = 0.0, 0

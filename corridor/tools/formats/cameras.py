@@ -9,8 +9,17 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
-from corridor.core.camera import INTERIOR, Camera, fitted, project_rays, undistort
+from corridor.core.camera import (
+    INTERIOR,
+    MODELS,
+    Camera,
+    fitted,
+    project_rays,
+    undistort,
+    without_distortion,
+)
 from corridor.core.errors import InputError
 
 _PICTURE = 41  # nodes a side over the picture
@@ -27,17 +36,19 @@ class Held:
 
     names: always. pinhole: those that it multiplies with the distorted ray and we with the
     undistorted one, exact where nothing bends the ray. centred: its principal point lies in the
-    middle of the picture.
+    middle of the picture. fisheye: those that it holds of a fisheye; none without such a lens.
     """
 
     names: tuple[str, ...]
     pinhole: tuple[str, ...] = ()
     centred: bool = False
+    fisheye: tuple[str, ...] = ()
 
     def unheld(self, camera: Camera) -> dict[str, float]:
         """Parameters that the format cannot hold, and what they are to it."""
         bent = any(camera[name] for name in INTERIOR[3:] if name not in self.pinhole)
         held = self.names if bent else self.names + self.pinhole
+        held = self.fisheye if camera.fisheye else held
         values = dict.fromkeys(INTERIOR, 0.0)
         if self.centred:
             values["cx"], values["cy"] = in_the_middle(camera.width, camera.height)
@@ -54,6 +65,7 @@ class Held:
     def __str__(self) -> str:
         more = [f"{', '.join(self.pinhole)} without distortion"] if self.pinhole else []
         more += ["the principal point in the middle of the picture"] if self.centred else []
+        more += [f"of a fisheye {', '.join(self.fisheye)}"] if self.fisheye else []
         return ", ".join(self.names) + (f" ({'; '.join(more)})" if more else "")
 
 
@@ -111,11 +123,14 @@ def opencv_camera(
     p1: float,
     p2: float,
     notes: list[str],
+    model: str = MODELS[0],
 ) -> Camera:
-    """Our camera of OpenCV's formula: fx, fy of `focal` multiply the distorted ray.
+    """Our camera of OpenCV's formula: fx, fy of `focal` multiply the distorted ray, as b1 of a
+    fisheye does.
 
-    middle: cx, cy in our pixels. radial: k1, k2, k3 and perhaps k4, k5, k6 of the divisor. p1, p2:
-    OpenCV's, our p2, p1. Raises InputError where a focal length is not positive.
+    middle: cx, cy in our pixels. radial: k1, k2, k3 and perhaps k4, k5, k6: of the divisor, and of
+    a fisheye the next three. p1, p2: OpenCV's, our p2, p1. Raises InputError where a focal length
+    is not positive.
     """
     fx, fy = focal
     if not (fx > 0 and fy > 0):
@@ -123,31 +138,34 @@ def opencv_camera(
             f"camera {name}: the focal length {min(focal):g} is not positive; export the project "
             "again"
         )
-    k1, k2, k3, k4, k5, k6 = (*radial, 0.0, 0.0, 0.0)[:6]
+    k = (*radial, *6 * (0.0,))[:6]
+    fisheye = model != MODELS[0]
+    own = k if fisheye else k[:3]
     camera = camera_from(
-        name, *size, fy, *middle, k1=k1, k2=k2, k3=k3, p1=p2, p2=p1, b1=(fx - fy) / fy
-    )
+        name, *size, fy, *middle, p1=p2, p2=p1, b1=(fx - fy) / fy,
+        **{f"k{n + 1}": value for n, value in enumerate(own)},
+    ).with_model(model)  # fmt: skip
 
     def project(rays: np.ndarray) -> np.ndarray:
         u, v = rays.T
         r2 = u * u + v * v
-        radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        radial = polyval(r2, [1.0, *own]) / polyval(r2, [1.0, *k[len(own) :]])
         x = u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u)
         y = v * radial + 2 * p2 * u * v + p1 * (r2 + 2 * v * v)
         return middle + np.column_stack([fx * x, fy * y])
 
-    if any((k4, k5, k6)) or (fx != fy and any((k1, k2, k3, p1, p2))):
+    if any(k[len(own) :]) or (fx != fy and not fisheye and any((*own, p1, p2))):
         return standing_for(camera, project, notes)
     return camera
 
 
 def _rays_over_picture(camera: Camera, project: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
     """Rays (n, 2) that `project` takes into the picture, from a little beyond its edges."""
-    half = np.array([camera.width, camera.height]) / 2
-    beside = np.abs(camera.interior[1:3] - half)
-    reach = 1.3 * (half + beside) / camera["f"]
-    u, v = np.meshgrid(*(np.linspace(-r, r, _PICTURE) for r in reach))
-    rays = np.column_stack([u.ravel(), v.ravel()])
+    half, middle = np.array([camera.width, camera.height]) / 2, camera.interior[1:3]
+    reach = 1.3 * (half + np.abs(middle - half))
+    x, y = np.meshgrid(*(np.linspace(-r, r, _PICTURE) for r in reach))
+    rays = without_distortion(middle + np.column_stack([x.ravel(), y.ravel()]), camera.interior)
+    rays = rays[np.isfinite(rays[:, 0])]
     pixels = project(rays)
     inside = (pixels > -0.5).all(1) & (pixels < [camera.width - 0.5, camera.height - 0.5]).all(1)
     return rays[inside]
@@ -174,7 +192,7 @@ def _fitted(camera, pixels, rays, names, formula):
 def standing_for(
     camera: Camera, project: Callable[[np.ndarray], np.ndarray], notes: list[str]
 ) -> Camera:
-    """Our camera for another formula: as it is where that is good enough, else fitted.
+    """Our camera, or fisheye, for another formula: as it is where that is good enough, else fitted.
 
     camera: our parameters read directly. project: rays (n, 2) to pixels by the other formula.
     Raises InputError where no camera of ours comes within half a pixel.
@@ -232,6 +250,6 @@ def moved_to(
 ) -> np.ndarray:
     """Pixels (n, 2) of the same rays in other cameras; NaN where no ray belongs to a pixel.
 
-    source, target: interior (m, 15); row (n,) says which.
+    source, target: interior (m, 16); row (n,) says which.
     """
     return project_rays(undistort(pixels, source, row), target, row)

@@ -103,6 +103,13 @@ def export_project(
         block, found = read_adjusted(block)
         effects = {**found, **{s: {**found.get(s, {}), **v} for s, v in (effects or {}).items()}}
     effects = Values.of(block, effects or {})
+    fisheyes = [name for name, camera in block.cameras.items() if camera.fisheye]
+    if fisheyes and not target.HOLDS.fisheye:
+        held = [name for name, module in writers().items() if module.HOLDS.fisheye]
+        raise InputError(
+            f"{form} has no fisheye lens, and camera {fisheyes[0]} is one: use one of "
+            f"{', '.join(held)}"
+        )
     unheld = {name: list(target.HOLDS.unheld(camera)) for name, camera in block.cameras.items()}
     unheld = {name: names for name, names in unheld.items() if names}
     stated = _stated_effect(block, effects)

@@ -17,6 +17,7 @@ from corridor.core.options import options
 from corridor.core.output import Progress, Report, Table, png, silent, telling, whole_file
 from corridor.core.photographs import photographs_in, read_metadata
 from corridor.core.preparation import AGREES, Witness, derived, derived_table, record_derived
+from corridor.tools.formats.attitudes import with_attitudes
 from corridor.tools.formats.control import add_ground, marks_refused
 from corridor.tools.formats.delay import with_delay_told
 from corridor.tools.formats.faults import blaming
@@ -125,7 +126,7 @@ class Additions:
     has a place on Earth of its own. ground_crs: of the file of ground points. to_crs: the block
     goes into a local frame, and results are given in this system. size: of the pictures, px.
     track_system, images_system: time systems, where the files do not state them. long_side, share:
-    of `mapping.Cheaply`, where the project is made from photographs.
+    of `mapping.Cheaply`, where the project is made from photographs. attitudes: those they state.
     """
 
     photos: Path | None = None
@@ -139,6 +140,7 @@ class Additions:
     images_system: str | None = None
     long_side: int | None = None
     share: int = 1
+    attitudes: bool = False
 
 
 @options(added=Additions)
@@ -323,6 +325,10 @@ def complete(project: Project, added: Additions, say: Callable[..., None] = sile
         say(f"reading the photographs of {added.photos}")
         with blaming(added.photos, "a folder of photographs"):
             project, photos, exposures = add_photographs(project, added.photos)
+    elif added.attitudes:
+        raise InputError(
+            "--attitudes takes what photographs state: give their folder with --photos"
+        )
     if added.track is not None:
         say(f"reading {added.track}")
         track = Track(added.track, added.track_system, added.images_system)
@@ -335,4 +341,5 @@ def complete(project: Project, added: Additions, say: Callable[..., None] = sile
     if photos and len(project.block.gnss) and added.track is None:
         project = with_delay_told(project)
     # Marks are measured in the pictures as they lie there: only now can all be turned back.
-    return with_turned(project, photos)
+    project = with_turned(project, photos)
+    return with_attitudes(project, photos) if added.attitudes else project

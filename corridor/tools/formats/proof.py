@@ -339,8 +339,8 @@ def _half_pixel(rows: Rows) -> str | None:
 
 
 _FLIP = np.diag([1.0, -1.0, -1.0])
-_EXCHANGED = [INTERIOR.index({"p1": "p2", "p2": "p1"}.get(name, name)) for name in INTERIOR]
-_BENT = np.arange(len(INTERIOR)) >= 3  # what bends the ray: all but f, cx, cy
+_EXCHANGED = [INTERIOR.index({"p1": "p2", "p2": "p1"}.get(name, name)) for name in INTERIOR] + [-1]
+_BENT = np.array([False] * 3 + [True] * (len(INTERIOR) - 3) + [False])  # what bends the ray
 # Steps that undo a mistake: the fields of `Rows` that change.
 _STEPS: dict[str, Callable[[Rows], dict]] = {
     "right and down": lambda rows: {"pixels": rows.pixels + 0.5},

@@ -26,6 +26,7 @@ from corridor.core.adjustment import (
     make_problem,
 )
 from corridor.core.adjustment.regression import point_regression
+from corridor.core.camera import Camera
 from corridor.core.effects import every_effect
 from corridor.core.engine import interface
 from corridor.core.engine.memory import InPlace
@@ -143,12 +144,22 @@ def strip(**options):
     return add_noise(corridor_block(**small | options), **NOISE)
 
 
+# 131 degrees across; decentred and affine as well.
+ACTION = Camera.from_table(
+    "action",
+    {"width": 4000, "height": 3000, "f": 1760.0, "model": "fisheye", "k1": 0.03, "k2": -0.01,
+     "k3": 0.004, "k4": -0.001, "p1": 2e-4, "p2": -1e-4, "b1": 3e-4, "b2": -2e-4},
+)  # fmt: skip
 RIG = add_noise(rigged_block(exposures=6, points=400), tie_px=0.5, mark_px=0.5, gnss_m=0.02, seed=2)
 BLOCKS = {
     "a free camera and a lever arm": (strip(), {}),
     "rows, image and antenna": (
         strip(angular_rate_deg_s=3.0),
         {"effects": ["rolling_shutter", "row_polynomial", "gnss_bias"], "lever_arm": "fixed"},
+    ),
+    "a fisheye": (
+        strip(camera=ACTION, angular_rate_deg_s=3.0),
+        {"camera": "f,cx,cy,k1,k2,k3,k4,p1,p2,b1,b2", "effects": ["rolling_shutter", "refraction"]},
     ),
     "an unknown of each image": (
         strip(),

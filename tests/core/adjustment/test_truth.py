@@ -442,7 +442,8 @@ class TestTwoWaysToTheSameNumbers:
         assert sparse.cost == pytest.approx(band.cost, rel=1e-10)
         assert sparse.state.centre == pytest.approx(band.state.centre, abs=1e-8)
         assert sparse.state.interior[:, 0] == pytest.approx(band.state.interior[:, 0], abs=1e-6)
-        assert len(INTERIOR) == band.state.interior.shape[1]
+        # The parameters, and which lens it is.
+        assert len(INTERIOR) + 1 == band.state.interior.shape[1]
 
     def test_steps_of_the_free_network_are_the_same_in_both_storages(self):
         _, start = perfect(gnss=False, control=0, check=0)

@@ -157,19 +157,19 @@ def test_gnss_goes_out_as_camera_centres(fraser8, tmp_path):
     assert np.abs(found - block.images[POSE[:3]].to_numpy(float)).max() < 1e-9
 
 
-def test_a_fish_eye_of_opensfm_is_named_and_the_rest_imported(fraser8, tmp_path):
+def test_a_panorama_of_opensfm_is_named_and_the_rest_imported(fraser8, tmp_path):
     import json
 
     export_project(fraser8, "opensfm", tmp_path / "out")
     file = tmp_path / "out" / "reconstruction.json"
     whole = json.loads(file.read_text())
-    whole[0]["cameras"]["wide"] = {"projection_type": "fisheye", "width": 100, "height": 100}
+    whole[0]["cameras"]["wide"] = {"projection_type": "spherical", "width": 100, "height": 100}
     first = next(iter(whole[0]["shots"]))
     whole[0]["shots"][first]["camera"] = "wide"
     file.write_text(json.dumps(whole))
     project = read_project(tmp_path / "out")
     assert len(project.block.images) == 11
-    assert any("'fisheye'" in s and "its 1 images were left out" in s for s in project.warnings)
+    assert any("'spherical'" in s and "its 1 images were left out" in s for s in project.warnings)
 
 
 def test_a_block_that_was_never_adjusted_goes_out_with_a_warning(fraser8, tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.block import Block
-from corridor.core.camera import undistort
+from corridor.core.camera import undistort, without_distortion
 from corridor.core.geometry import Rays, rotation_from_quaternion
 
 CENTRE = ["x", "y", "z"]
@@ -101,14 +101,13 @@ class Network:
         self.trusted = self.held.copy()
 
     def look_through(self, interior: np.ndarray) -> None:
-        """Rays of all measurements through cameras with these interior vectors (m, 15)."""
+        """Rays of all measurements through cameras with these interior vectors (m, 16)."""
         self.interior = interior
         self.pixel = 1.0 / interior[self.camera, 0]
         row = self.camera[self.image]
         self.ray = undistort(self.measured, interior, row)
         lost = np.isnan(self.ray[:, 0])  # beyond the fold of the stated distortion
-        plain = interior[row[lost]]
-        self.ray[lost] = (self.measured[lost] - plain[:, 1:3]) / plain[:, :1]
+        self.ray[lost] = without_distortion(self.measured[lost], interior, row[lost])
 
     def submodel(self, members: np.ndarray) -> "Network":
         """The same network seen from some images only, with nothing known of it yet."""

@@ -10,6 +10,7 @@ Source: Wolf and Dewitt 2000, "Elements of Photogrammetry", chapter 4.
 
 import numpy as np
 
+from corridor.core.camera import ray_derivatives
 from corridor.core.effects.contract import LinearEffect, Parameter
 
 # Beyond 80 degrees from the nadir the formula grows without bound, and is wrong.
@@ -28,10 +29,10 @@ class Refraction(LinearEffect):
     unknowns = [Parameter("fraction", "1", 1.0, text="1: nobody has allowed for it", most=4.0)]
 
     def derivative(self, context):
-        """f times the change of the ray that leans away from the nadir by fraction delta.
+        """What the change of the ray that leans away from the nadir by fraction delta moves.
 
         With the ray's part in plan s and its part downwards n, delta adds K s in plan and
-        K s^2 / n upwards. Distortion is left out of the derivative: some per cent of it.
+        K s^2 / n upwards.
         """
         images, image = context.images, context.image
         u, v = context.ray.T
@@ -45,5 +46,5 @@ class Refraction(LinearEffect):
         bent[:, 2] = (ray[:, :2] ** 2).sum(axis=1) / down
         bent *= np.radians(constant)[:, None]
         x, y, z = np.einsum("nij,nj->ni", to_camera, bent).T
-        focal = images.interior[image, 0]
-        return (focal[:, None] * np.stack([x - u * z, y - v * z], axis=1))[:, :, None]
+        by_ray = ray_derivatives(context.ray, images.interior, image)
+        return by_ray @ np.stack([x - u * z, y - v * z], axis=1)[:, :, None]

@@ -40,6 +40,7 @@ from corridor.core.engine.panels.rays import (
     Strided,
     U,
     add_point,
+    affinity,
     aligned,
     before,
     camera_course,
@@ -589,7 +590,7 @@ def _ray_sums(seen, n, first, count, scene, step, room, sums, kind):
     """What eight rays add to V, P'e and P'(e - the step's part), a row of 16 numbers each."""
     d, sighted = kind
     image, at = room.image, U(n)
-    sx, sy = _interior_step(seen, step, image, at)
+    sx, sy = _interior_step(seen, scene.cameras, step, image, at)
     sx, sy = sloped(seen.slope, seen.root * sx, seen.root * sy)
     for c in range(step.image.shape[1]):
         dx, dy = of_rays(scene.derivatives.image, seen, n, first, count, scene, room, U(c))
@@ -696,20 +697,24 @@ def make_substitute(d, sighted=False):
 
 
 @njit(**UNWRAPPED)
-def _interior_step(seen, step, image, n):
+def _interior_step(seen, cameras, step, image, n):
     """By how much a step of the interior moves the pixels of eight rays."""
-    u, v, a, b = seen.ray
+    u, v, a, b = seen.lens
     f = seen.focal
     lower = of_images(step.interior, U(INNER), U(0), image, n)
     c0, c1, c2, c3, c4, c5, c6, c7 = lower
     by = interior_columns(u, v, a, b, f, same(1.0), zeros())
-    sx = c0 * by[0][0] + c1 + c3 * by[3][0] + c4 * by[4][0] + c5 * by[5][0] + c6 * by[6][0]
-    sy = c0 * by[0][1] + c2 + c3 * by[3][1] + c4 * by[4][1]
+    sx, sy = c0 * by[0][0] + c1, c0 * by[0][1] + c2
     k2, k3, k4, k5, k6, k7, k8, _ = of_images(step.interior, U(INNER), U(PANEL), image, n)
     r2 = u * u + v * v
     radial = ((((((k8 * r2 + k7) * r2 + k6) * r2 + k5) * r2 + k4) * r2 + k3) * r2 + k2) * r2 + c7
     radial = radial * r2 * f
-    return sx + radial * u, sy + radial * v
+    bent_x = c3 * by[3][0] + c4 * by[4][0] + radial * u
+    bent_y = c3 * by[3][1] + c4 * by[4][1] + radial * v
+    if cameras.fisheye:
+        b1, b2, u, v = affinity(seen, cameras, image, n)
+        bent_x += b1 * bent_x + b2 * bent_y
+    return sx + bent_x + f * (c5 * u + c6 * v), sy + bent_y
 
 
 @njit(**UNWRAPPED)

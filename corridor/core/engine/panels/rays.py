@@ -16,7 +16,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from corridor.core.camera import distorted, interior_columns
+from corridor.core.camera import (
+    affine_after,
+    distorted,
+    equidistant,
+    interior_columns,
+    is_fisheye,
+    through_lens,
+)
 from corridor.core.engine.compiled import UNWRAPPED, njit
 from corridor.core.engine.panels.lanes import (
     lane,
@@ -55,17 +62,17 @@ class Room(NamedTuple):
 
 class Seen(NamedTuple):
     """Of eight rays, panels all: X, rotation R (three rows); positive where the point is ahead of
-    the camera; root of the weight, 0 behind it; ray u, v and the same distorted; weighted
-    derivatives of x and y by X; weighted residuals; focal length. Of moving cameras turn and place
-    of the row. slope: matrix before the pixel's derivatives: what moves the pixel moves its row,
-    and the row moves the camera; effects on the image look at where the pixel is; and x and y may
-    be skewed."""
+    the camera; root of the weight, 0 behind it; lens, ray u, v before its distortion (of a
+    fisheye shortened) and after it; weighted derivatives of x and y by X; weighted residuals;
+    focal length. Of moving cameras turn and place of the row. slope: matrix before the pixel's
+    derivatives: what moves the pixel moves its row, and the row moves the camera; effects on the
+    image look at where the pixel is; and x and y may be skewed."""
 
     x: tuple
     rotation: tuple
     ahead: tuple
     root: tuple
-    ray: tuple
+    lens: tuple
     by_x: tuple
     by_y: tuple
     left: tuple
@@ -272,8 +279,11 @@ def see(n, first, count, scene, room):
                         lane(mx, U(k)),
                         lane(my, U(k)),
                     )
-                    looked.modelled[o, U(2)] = lane(seen.ray[0], U(k))
-                    looked.modelled[o, U(3)] = lane(seen.ray[1], U(k))
+                    u, v = lane(seen.lens[0], U(k)), lane(seen.lens[1], U(k))
+                    theta = np.sqrt(u * u + v * v)
+                    if theta > 0.0 and is_fisheye(scene.cameras.interior, U(room.image[U(n + k)])):
+                        u, v = u * np.tan(theta) / theta, v * np.tan(theta) / theta
+                    looked.modelled[o, U(2)], looked.modelled[o, U(3)] = u, v
     return seen, cost
 
 
@@ -307,23 +317,17 @@ def _see_once(n, scene, room):
             sine, cosine = _sines(turn)
             bent = rotated(sine, cosine, _minus(turn), x)
     f, cx, cy, p1, p2, b1, b2, k1 = of_images(cameras.interior, U(16), U(0), image, n)
-    k2, k3, k4, k5, k6, k7, k8 = zero, zero, zero, zero, zero, zero, zero
+    k2, k3, k4, k5, k6, k7, k8, fisheye = zero, zero, zero, zero, zero, zero, zero, zero
     if cameras.radials > 1:
-        k2, k3, k4, k5, k6, k7, k8, _ = of_images(cameras.interior, U(16), U(8), image, n)
+        k2, k3, k4, k5, k6, k7, k8, fisheye = of_images(cameras.interior, U(16), U(8), image, n)
     iz = where_positive(bent[2], 1.0 / bent[2], zero)
     u, v = bent[0] * iz, bent[1] * iz
-    r2 = u * u + v * v
-    radial, by_r2 = k1, zero
-    if cameras.radials > 1:
-        radial, by_r2 = _next(k8, zero, r2, k7)
-        radial, by_r2 = _next(radial, by_r2, r2, k6)
-        radial, by_r2 = _next(radial, by_r2, r2, k5)
-        radial, by_r2 = _next(radial, by_r2, r2, k4)
-        radial, by_r2 = _next(radial, by_r2, r2, k3)
-        radial, by_r2 = _next(radial, by_r2, r2, k2)
-        radial, by_r2 = _next(radial, by_r2, r2, k1)
-    radial, by_r2 = _next(radial, by_r2, r2, one)
-    a, b, au, av, bu, bv = distorted(u, v, radial, by_r2, (p1, p2, b1, b2))
+    flat, radial = (p1, p2, b1, b2), (k1, k2, k3, k4, k5, k6, k7, k8)
+    if cameras.fisheye:
+        lens, seen = _through_fisheyes(u, v, flat, radial, fisheye)
+    else:
+        lens, seen = (u, v), _bent(u, v, flat, radial, cameras.radials)
+    a, b, au, av, bu, bv = seen
     iz *= f
     g0, g1, h0, h1 = iz * au, iz * av, iz * bu, iz * bv
     g, h = (g0, g1, -(g0 * u + g1 * v)), (h0, h1, -(h0 * u + h1 * v))
@@ -382,9 +386,41 @@ def _see_once(n, scene, room):
     by_x = weight * g[0], weight * g[1], weight * g[2]
     by_y = weight * h[0], weight * h[1], weight * h[2]
     seen = Seen(
-        x, rotation, iz, weight, (u, v, a, b), by_x, by_y, (ex, ey), f, turn, place, before_it
+        x, rotation, iz, weight, (lens[0], lens[1], a, b), by_x, by_y, (ex, ey), f, turn,
+        place, before_it,
     )  # fmt: skip
     return seen, cost, row, missed, mx, my
+
+
+@njit(**UNWRAPPED)
+def _bent(u, v, flat, k, radials):
+    """`distorted` of eight rays; k: their eight radial coefficients, of which so many count."""
+    r2, radial, by_r2 = u * u + v * v, k[0], zeros()
+    if radials > 1:
+        radial, by_r2 = _next(k[7], by_r2, r2, k[6])
+        radial, by_r2 = _next(radial, by_r2, r2, k[5])
+        radial, by_r2 = _next(radial, by_r2, r2, k[4])
+        radial, by_r2 = _next(radial, by_r2, r2, k[3])
+        radial, by_r2 = _next(radial, by_r2, r2, k[2])
+        radial, by_r2 = _next(radial, by_r2, r2, k[1])
+        radial, by_r2 = _next(radial, by_r2, r2, k[0])
+    radial, by_r2 = _next(radial, by_r2, r2, same(1.0))
+    return distorted(u, v, radial, by_r2, flat)
+
+
+@njit(**UNWRAPPED)
+def _through_fisheyes(u, v, flat, k, fisheye):
+    """Where fisheyes among eight rays' lenses have them before their distortion, and `_bent`."""
+    scale, slope, r2 = same(1.0), zeros(), u * u + v * v
+    for i in range(PANEL):
+        if lane(fisheye, U(i)) > 0.0:
+            s, by = equidistant(lane(r2, U(i)))
+            scale, slope = with_lane(scale, U(i), s), with_lane(slope, U(i), by)
+    p1, p2, b1, b2 = flat
+    c1, c2 = where_positive(fisheye, b1, zeros()), where_positive(fisheye, b2, zeros())
+    lens = u * scale, v * scale
+    bent = _bent(lens[0], lens[1], (p1, p2, b1 - c1, b2 - c2), k, 8)
+    return lens, through_lens(u, v, scale, slope, affine_after(c1, c2, bent))
 
 
 @njit(**UNWRAPPED)
@@ -477,7 +513,7 @@ def ray_rows(seen, n, first, count, scene, room, span, d):
     if derivatives.interior.shape[1] == 0 and high <= low and derivatives.motion.shape[1] == 0:
         if derivatives.image.shape[2] == 0 and derivatives.sight.shape[0] == 0:
             return
-    _interior(seen, scene, room)
+    _interior(seen, n, scene, room)
     if high > low:
         _shared_rows(n, scene, room, span)
     slot = 0
@@ -511,28 +547,45 @@ def ray_rows(seen, n, first, count, scene, room, span, d):
 
 
 @njit(**UNWRAPPED)
-def _interior(seen, scene, room):
+def _interior(seen, n, scene, room):
     """Weighted derivatives of x and y by the interior parameters, after the slope."""
-    u, v, a, b = seen.ray
+    u, v, a, b = seen.lens
     f, r, work = seen.focal, seen.root, room.work
     moved = scene.cameras.motion.shape[1] > 0 or scene.looked.shift.shape[0] > 0
     moved = moved or scene.observations.skewed.shape[0] > 0
     by_f, by_cx, by_cy, by_p1, by_p2, by_b1, by_b2 = interior_columns(
         u, v, a, b, f, same(1.0), zeros()
     )  # fmt: skip
-    to = work, seen.slope, r, moved
+    to = bent = work, seen.slope, r, moved
+    if scene.cameras.fisheye:
+        b1, b2, x, y = affinity(seen, scene.cameras, room.image, U(n))
+        s = seen.slope
+        slope = s[0] + b1 * s[0], b2 * s[0] + s[1], s[2] + b1 * s[2], b2 * s[2] + s[3]
+        bent = work, slope, r, True
+        by_b1, by_b2 = (f * x, zeros()), (f * y, zeros())
     _put_inner(to, U(0), by_f)
     _put_inner(to, U(1), by_cx)
     _put_inner(to, U(2), by_cy)
-    _put_inner(to, U(3), by_p1)
-    _put_inner(to, U(4), by_p2)
+    _put_inner(bent, U(3), by_p1)
+    _put_inner(bent, U(4), by_p2)
     _put_inner(to, U(5), by_b1)
     _put_inner(to, U(6), by_b2)
     power, r2 = f, u * u + v * v
     radials = scene.cameras.radials if scene.derivatives.interior.shape[1] == 0 else 8
     for k in range(7, 7 + radials):
         power *= r2
-        _put_inner(to, U(k), (power * u, power * v))
+        _put_inner(bent, U(k), (power * u, power * v))
+
+
+@njit(**UNWRAPPED)
+def affinity(seen, cameras, image, n):
+    """b1 and b2 of the fisheyes among eight rays' lenses, 0 of others, and what they multiply."""
+    u, v, a, b = seen.lens
+    _, _, _, _, _, b1, b2, _ = of_images(cameras.interior, U(16), U(0), image, n)
+    _, _, _, _, _, _, _, fisheye = of_images(cameras.interior, U(16), U(8), image, n)
+    b1, b2 = where_positive(fisheye, b1, zeros()), where_positive(fisheye, b2, zeros())
+    before = (a - b2 * b) / (same(1.0) + b1)
+    return b1, b2, where_positive(fisheye, before, u), where_positive(fisheye, b, v)
 
 
 @njit(**UNWRAPPED)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from corridor.core.camera import MODELS
 from corridor.core.errors import InputError
 from corridor.core.textfile import Json, opening
 from corridor.tools.formats.cameras import NoModel, opencv_camera, shared
@@ -21,7 +22,8 @@ TITLE = "nerfstudio transforms.json, without image points"
 
 _FLIP = np.diag([1.0, -1.0, -1.0])
 _KEYS = ("w", "h", "fl_x", "fl_y", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2")
-_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
+_FISHEYE = "OPENCV_FISHEYE"
+_MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", _FISHEYE)
 
 
 def recognise(path: Path) -> bool:
@@ -45,7 +47,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     cameras, used = shared(
         [_interior(whole, frame, size) for frame in frames],
         lambda k: f"camera_{k}" if k else "camera",
-        lambda name, *inner: _camera(name, inner, notes),
+        lambda name, *inner: _camera(name, inner, notes, model == _FISHEYE),
     )
     matrices = np.array([_matrix(frame) for frame in frames])
     notes.append("transforms.json holds no image points: it has poses and cameras only")
@@ -78,12 +80,13 @@ def _interior(whole: Json, frame: Json, size) -> tuple[float, ...]:
             *rest)  # fmt: skip
 
 
-def _camera(name, inner, notes):
+def _camera(name, inner, notes, fisheye):
     width, height, fx, fy, cx, cy, k1, k2, k3, k4, p1, p2 = inner
-    if k4:
-        raise NoModel(f"camera {name} has k4, the model of a fish-eye; undistort its images")
-    middle = (cx - 0.5, cy - 0.5)
-    return opencv_camera(name, (width, height), (fx, fy), middle, (k1, k2, k3), p1, p2, notes)
+    if k4 and not fisheye:
+        raise NoModel(f"camera {name} has k4, the model of a fisheye; undistort its images")
+    picture, radial = ((width, height), (fx, fy), (cx - 0.5, cy - 0.5)), (k1, k2, k3, k4)
+    p1, p2 = (0.0, 0.0) if fisheye else (p1, p2)
+    return opencv_camera(name, *picture, radial, p1, p2, notes, MODELS[fisheye])
 
 
 def _matrix(frame: Json) -> np.ndarray:

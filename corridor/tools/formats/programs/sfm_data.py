@@ -2,10 +2,10 @@
 
 Conventions, where they differ from ours: the rotation is world to camera, in OpenMVG row by row, in
 AliceVision column by column, and beside it stands the centre; distortion goes from the ray to the
-image, tangential coefficients are OpenCV's. OpenMVG's focal length and principal point are pixels;
-AliceVision's are mm of sensorWidth, in older files pixels (pxFocalLength), and pixels from the
-middle of the picture, before version 1.2.1 from its corner. Pixels are counted from the centre of
-the first one.
+image, tangential coefficients and the fisheye of four terms are OpenCV's. OpenMVG's focal length
+and principal point are pixels; AliceVision's are mm of sensorWidth, in older files pixels
+(pxFocalLength), and pixels from the middle of the picture, before version 1.2.1 from its corner.
+Pixels are counted from the centre of the first one.
 
 Source: OpenMVG, sfm_data_io; AliceVision, sfmDataIO jsonIO and its list of changes; proved by
 reprojection.
@@ -15,6 +15,7 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
+from corridor.core.camera import MODELS
 from corridor.core.errors import InputError
 from corridor.core.textfile import Json, opening
 from corridor.tools.formats.cameras import NoModel, opencv_camera, where_known
@@ -28,6 +29,7 @@ _FILES = ("sfm_data.json", "sfm.json", "cameras.sfm", "sfm.sfm")
 _RADIAL = {
     "pinhole": 0, "none": 0, "pinhole_radial_k1": 1, "radial1": 1, "radialk1": 1,
     "pinhole_radial_k3": 3, "radial3": 3, "radialk3": 3, "pinhole_brown_t2": 3, "brown": 3,
+    "fisheye": 4, "fisheye4": 4,
 }  # fmt: skip
 
 
@@ -107,9 +109,10 @@ class _Spelling:
         if kind not in _RADIAL:
             raise NoModel(f"camera {number} is a {kind}, for which corridor has no model")
         count = _RADIAL[kind]
-        radial = (list(values[:count]) + [0.0] * 3)[:3]
+        model = MODELS[kind.startswith("fisheye")]
+        radial = (*values[:count], *4 * (0.0,))[: max(count, 3)]
         p1, p2 = (list(values[count:]) + [0.0, 0.0])[:2]
-        return opencv_camera(name, size, focal, middle, radial, p1, p2, self.notes)
+        return opencv_camera(name, size, focal, middle, radial, p1, p2, self.notes, model)
 
     def _seen(self, row, entries):
         """Views and places of entries (name, place, [(view, x, y)])."""
@@ -160,14 +163,14 @@ class _OpenMvg(_Spelling):
         size = [base.number(key) for key in ("width", "height")]
         focal = base.number("focal_length")
         middle = base.numbers("principal_point", 2)
-        key = next((key for key in data.value if key.startswith("disto")), None)
+        key = next((key for key in data.value if key.startswith(("disto", "fisheye"))), None)
         values = np.ravel(data.value[key]).astype(float) if key else np.zeros(0)
         return kind, size, (focal, focal), middle, values
 
     def _kinds(self, value: Json, data: Json) -> str:
         """The model by its coefficients: the name stands only where it is used first."""
         names = {"disto_k1": "pinhole_radial_k1", "disto_k3": "pinhole_radial_k3",
-                 "disto_t2": "pinhole_brown_t2"}  # fmt: skip
+                 "disto_t2": "pinhole_brown_t2", "fisheye": "fisheye"}  # fmt: skip
         return next((kind for key, kind in names.items() if key in data.value), "pinhole")
 
     def points(self, row):

@@ -51,6 +51,7 @@ OPTIONS = {
     "project": option("its file or folder", "PROJECT", Path),
     "--output": option("folder to write", "BLOCK", required=True),
     "--photos": option("photographs: time, GNSS, velocity, temperature"),
+    "--attitudes": flag("attitudes.csv from the photographs, as good as the poses say they are"),
     "--track": option("the receiver's track, as for `corridor gnss`", "FILE", Path),
     "--ground": option("ground points, with their marks if it has them", "FILE", Path),
     "--crs": option(
@@ -112,6 +113,7 @@ def run(options: argparse.Namespace) -> None:
         long_side=options.size if alone else None,
         share=options.share,
         track_system=options.track_system,
+        attitudes=options.attitudes,
         images_system=options.images_system,
         table_form=options.table_form,
         force=options.force,

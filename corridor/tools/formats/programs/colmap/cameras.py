@@ -2,7 +2,8 @@
 
 Pixel (0.5, 0.5) is the centre of COLMAP's top-left pixel: cx, cy and every observation lose half a
 pixel on the way in. Its p1, p2 are OpenCV's: our p2, p1. fx, fy multiply the distorted ray; our b1
-multiplies the undistorted one, so that fx != fy is exact without distortion only.
+multiplies the undistorted one, so that fx != fy is exact without distortion only, but of a fisheye
+always: those without thin prisms are ours.
 
 Source: COLMAP, src/colmap/sensor/models.h.
 """
@@ -11,10 +12,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from corridor.core.camera import Camera
+from corridor.core.camera import FISHEYE, Camera
 from corridor.tools.formats.cameras import Held, NoModel, opencv_camera
 
-HOLDS = Held(("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2"), pinhole=("b1",))
+HOLDS = Held(
+    ("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2"), pinhole=("b1",), fisheye=(*FISHEYE, "b1")
+)
 HALF = 0.5
 # Number in the binary files, parameters.
 MODELS = {
@@ -38,7 +41,7 @@ MODELS = {
     "EQUIRECTANGULAR": (17, 2),
 }
 BY_NUMBER = {number: name for name, (number, _) in MODELS.items()}
-# fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6: where each model keeps them.
+# fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6: where each model keeps them; -1: nowhere.
 _PLACES = {
     "SIMPLE_PINHOLE": (0, 0, 1, 2),
     "PINHOLE": (0, 1, 2, 3),
@@ -46,6 +49,11 @@ _PLACES = {
     "RADIAL": (0, 0, 1, 2, 3, 4),
     "OPENCV": tuple(range(8)),
     "FULL_OPENCV": tuple(range(12)),
+    "SIMPLE_FISHEYE": (0, 0, 1, 2),
+    "FISHEYE": (0, 1, 2, 3),
+    "SIMPLE_RADIAL_FISHEYE": (0, 0, 1, 2, 3),
+    "RADIAL_FISHEYE": (0, 0, 1, 2, 3, 4),
+    "OPENCV_FISHEYE": (0, 1, 2, 3, 4, 5, -1, -1, 6, 7),
 }
 
 
@@ -56,16 +64,20 @@ def camera_of(
     if model not in _PLACES:
         raise NoModel(f"camera {name} is a {model}, for which corridor has no model")
     full = np.zeros(12)
-    full[: len(_PLACES[model])] = [params[at] for at in _PLACES[model]]
+    full[: len(_PLACES[model])] = [(*params, 0.0)[at] for at in _PLACES[model]]
     k1, k2, p1, p2, k3, k4, k5, k6 = full[4:]
     radial = (k1, k2, k3, k4, k5, k6)
-    return opencv_camera(name, (width, height), full[:2], full[2:4] - HALF, radial, p1, p2, notes)
+    size, middle = (width, height), full[2:4] - HALF
+    lens = "fisheye" if "FISHEYE" in model else "central"
+    return opencv_camera(name, size, full[:2], middle, radial, p1, p2, notes, lens)
 
 
 def params_of(camera: Camera) -> tuple[str, list[float]]:
     """Model and parameters: the simplest model that holds the camera exactly."""
     k1, k2, k3, p1, p2, b1 = (camera[name] for name in ("k1", "k2", "k3", "p1", "p2", "b1"))
     f, cx, cy = camera["f"], camera["cx"] + HALF, camera["cy"] + HALF
+    if camera.fisheye:
+        return "OPENCV_FISHEYE", [f * (1 + b1), f, cx, cy, k1, k2, k3, camera["k4"]]
     if b1:
         return "PINHOLE", [f * (1 + b1), f, cx, cy]
     if k3:

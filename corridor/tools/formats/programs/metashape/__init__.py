@@ -20,6 +20,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import Rotation
 
+from corridor.core.camera import MODELS
 from corridor.core.errors import InputError, some
 from corridor.core.gnss import GEOCENTRIC, GEOGRAPHIC, Local, convert, height_unit, known_crs
 from corridor.core.textfile import Xml, opening
@@ -47,7 +48,13 @@ from corridor.tools.formats.project import (
 NAME = "metashape"
 TITLE = "Metashape project (.psx, .psz), camera and marker XML"
 WRITES = ("metashape",)
-HOLDS = Held(("f", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2"), pinhole=("b1", "b2"))
+_HELD = ("f", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2")
+HOLDS = Held(_HELD, pinhole=("b1", "b2"), fisheye=(*_HELD, "b1", "b2"))
+# What a lens makes of the angle theta from its axis, before the same distortion.
+_RADIUS = {
+    "frame": np.tan, "fisheye": np.positive, "equidistant_fisheye": np.positive,
+    "equisolid_fisheye": lambda theta: 2.0 * np.sin(theta / 2.0),
+}  # fmt: skip
 LOSSES = {
     "tie points": "tie points: Metashape takes none from XML, only markers",
     "GNSS": "lever arms: the references are the camera centres that GNSS gives",
@@ -308,8 +315,9 @@ def _camera(sensor, name, notes):
     adjusted = [part for part in calibrations if part.get("class") == "adjusted"]
     calibration = (adjusted or calibrations[::-1] or [None])[0]
     kind = (calibration or sensor).get("type", "frame")
-    if kind != "frame":
+    if kind not in _RADIUS:
         raise NoModel(f"sensor {name!r} is a {kind}, for which corridor has no model")
+    model = MODELS[kind != "frame"]
     resolution = (calibration or sensor).child("resolution")
     size = [resolution.number(key, 0.0) for key in ("width", "height")]
     middle = in_the_middle(*size)
@@ -319,7 +327,7 @@ def _camera(sensor, name, notes):
         if not focal or not pixel or min(focal, pixel) <= 0:
             raise NoModel(f"sensor {name!r} has neither a calibration nor a focal length")
         notes.append(f"sensor {name!r} has no calibration: f from its focal length and pixel size")
-        return camera_from(name, *size, focal / pixel, *middle, **pixel_um)
+        return camera_from(name, *size, focal / pixel, *middle, **pixel_um).with_model(model)
     k1, k2, k3, k4, p1, p2, p3, p4 = (
         calibration.value(f"{letter}{n}", 0.0) for letter in "kp" for n in range(1, 5)
     )
@@ -342,10 +350,11 @@ def _camera(sensor, name, notes):
     camera = camera_from(
         name, *size, f, cx, cy, k1=k1, k2=k2, k3=k3, k4=k4, p1=p1, p2=p2, b1=b1 / f, b2=b2 / f,
         **pixel_um,
-    )  # fmt: skip
+    ).with_model(model)  # fmt: skip
 
     def project(rays: np.ndarray) -> np.ndarray:
-        u, v = rays.T
+        r = np.maximum(np.hypot(*rays.T), 1e-12)
+        u, v = rays.T * (_RADIUS[kind](np.arctan(r)) / r)
         r2 = u * u + v * v
         radial = 1 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)))
         more = 1 + r2 * (p3 + r2 * p4)

@@ -35,7 +35,7 @@ def write(block: Block, folder: Path, name: str) -> None:
         write_xml(_markers_xml(block, frame), folder / "markers.xml")
     for number, camera in enumerate(block.cameras.values()):
         root = ElementTree.Element("calibration")
-        add_xml(root, "projection", "frame")
+        add_xml(root, "projection", "fisheye" if camera.fisheye else "frame")
         for key in ("width", "height"):
             add_xml(root, key, str(getattr(camera, key)))
         _interior_xml(root, camera)
@@ -92,12 +92,13 @@ def _document_xml(block):
     sensors = add_xml(chunk, "sensors", next_id=str(len(block.cameras)))
     for number, camera in enumerate(block.cameras.values()):
         size = {"width": str(camera.width), "height": str(camera.height)}
-        sensor = add_xml(sensors, "sensor", id=str(number), label=camera.name, type="frame")
+        kind = "fisheye" if camera.fisheye else "frame"
+        sensor = add_xml(sensors, "sensor", id=str(number), label=camera.name, type=kind)
         add_xml(sensor, "resolution", **size)
         if camera.pixel_um:
             for key in ("pixel_width", "pixel_height"):
                 add_xml(sensor, "property", name=key, value=camera.pixel_um / 1000)
-        calibration = add_xml(sensor, "calibration", type="frame", **{"class": "adjusted"})
+        calibration = add_xml(sensor, "calibration", type=kind, **{"class": "adjusted"})
         add_xml(calibration, "resolution", **size)
         _interior_xml(calibration, camera)
     cameras = add_xml(chunk, "cameras", next_id=str(len(block.images)), next_group_id="0")

@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.csv
 
 from corridor.core.block import Block
-from corridor.core.camera import Camera
+from corridor.core.camera import FISHEYE, MODELS, Camera
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_vector
 from corridor.core.gnss import Local
@@ -31,7 +31,11 @@ from corridor.tools.formats.project import Contents, Project, Views, ground_tabl
 NAME = "opensfm"
 TITLE = "OpenSfM, or OpenDroneMap's opensfm folder"
 WRITES = ("opensfm",)
-HOLDS = Held(("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2"), pinhole=("b1",))
+HOLDS = Held(
+    ("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2"),
+    pinhole=("b1",),
+    fisheye=(*FISHEYE, "k5", "k6", "p1", "p2", "b1"),
+)
 # Its world is east, north, up about the place of reference_lla: no grid.
 GRIDS = False
 LOSSES = {
@@ -110,22 +114,28 @@ def _largest(found, notes):
     return parts[0]
 
 
+# How many radial coefficients each kind has, and which have p1 and p2. Those of a fisheye stand
+# at the angle from the axis, its p1 and p2 too.
+_RADIALS = {
+    "perspective": 2, "brown": 3, "simple_radial": 1, "radial": 2, "fisheye": 2,
+    "fisheye_opencv": 4, "fisheye62": 6,
+}  # fmt: skip
+_DECENTRED = ("brown", "fisheye62")
+
+
 def camera_of(name: str, table: Json, notes: list[str]) -> Camera:
     """Our camera of an entry of `cameras`. Raises NoModel, InputError."""
     kind = table.get("projection_type")
     width, height = (table.number(key) for key in ("width", "height"))
     scale = max(width, height)
-    if kind == "perspective":
-        fx = fy = table.number("focal")
-        keys = ("k1", "k2")
-    elif kind in ("brown", "simple_radial", "radial"):
-        fx, fy = (table.number(key) for key in ("focal_x", "focal_y"))
-        keys = {"brown": ("k1", "k2", "k3", "p1", "p2"), "radial": ("k1", "k2")}.get(kind, ("k1",))
-    else:
+    if kind not in _RADIALS:
         raise NoModel(f"{table.where} is {kind!r}, for which corridor has no model")
-    k1, k2, k3, p1, p2 = (
-        table.number(key, 0.0) if key in keys else 0.0 for key in ("k1", "k2", "k3", "p1", "p2")
-    )
+    if kind in ("perspective", "fisheye"):
+        fx = fy = table.number("focal")
+    else:
+        fx, fy = (table.number(key) for key in ("focal_x", "focal_y"))
+    radial = [table.number(f"k{n + 1}", 0.0) for n in range(_RADIALS[kind])]
+    p1, p2 = (table.number(key, 0.0) if kind in _DECENTRED else 0.0 for key in ("p1", "p2"))
     cx, cy = (
         table.number(key, 0.0) * scale + half
         for key, half in zip(("c_x", "c_y"), in_the_middle(width, height), strict=True)
@@ -133,8 +143,9 @@ def camera_of(name: str, table: Json, notes: list[str]) -> Camera:
     if min(fx, fy) <= 0:
         raise table.wrong("has a focal length that is not positive")
     return opencv_camera(
-        name, (width, height), (fx * scale, fy * scale), (cx, cy), (k1, k2, k3), p1, p2, notes
-    )
+        name, (width, height), (fx * scale, fy * scale), (cx, cy), (*radial, *3 * (0.0,))[:6], p1,
+        p2, notes, MODELS[kind.startswith("fisheye")],
+    )  # fmt: skip
 
 
 def _cameras(whole, used, notes):

@@ -90,19 +90,22 @@ def _write_reconstruction(whole, rows, path):
 def _table(camera):
     scale = max(camera.width, camera.height)
     cx, cy = in_the_middle(camera.width, camera.height)
+    radial, kind = 3, "brown"
+    if camera.fisheye:
+        # The simpler of two kinds, where it is enough.
+        more = any(camera[name] for name in ("k5", "k6", "p1", "p2"))
+        radial, kind = (6, "fisheye62") if more else (4, "fisheye_opencv")
+    decentred = {} if kind == "fisheye_opencv" else {"p1": camera["p2"], "p2": camera["p1"]}
     return {
-        "projection_type": "brown",
+        "projection_type": kind,
         "width": camera.width,
         "height": camera.height,
         "focal_x": camera["f"] * (1 + camera["b1"]) / scale,
         "focal_y": camera["f"] / scale,
         "c_x": (camera["cx"] - cx) / scale,
         "c_y": (camera["cy"] - cy) / scale,
-        "k1": camera["k1"],
-        "k2": camera["k2"],
-        "k3": camera["k3"],
-        "p1": camera["p2"],
-        "p2": camera["p1"],
+        **{f"k{n}": camera[f"k{n}"] for n in range(1, radial + 1)},
+        **decentred,
     }
 
 
