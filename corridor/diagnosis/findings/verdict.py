@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from corridor.core.block import Block
 from corridor.core.effects import EffectValues
@@ -234,8 +235,10 @@ def alternatives(evidence: Evidence, chosen: dict, n: int) -> list[int]:
         equal = mine.evidence - gain.evidence <= SETTINGS.look_alike_log_odds
         # Sets of values, one a flight, are one more parameter each and no other shape.
         more = len(parameter_names(other)) - len(parameter_names(group))
-        # More parameters than that have to fit better, by more than they would by chance.
-        chance = SETTINGS.look_alike_log_odds + 0.5 * (len(other) - len(group))
+        # More parameters than that have to fit better, by more than they would by chance (twice the
+        # fit of what is not there is chi square) and by what the physics of the other leave.
+        chance = 0.5 * float(chdtri(max(len(other) - len(group), 1), SETTINGS.doubt_level))
+        chance += SETTINGS.leftover_share * mine.fit
         contained = (
             other.own is None
             and (more <= SETTINGS.look_alike_more_parameters or gain.fit - mine.fit > chance)
