@@ -248,13 +248,25 @@ def test_a_table_both_as_csv_and_parquet(folder):
     assert fault(folder) == "points.csv and points.parquet are both there; keep one of them"
 
 
-@pytest.mark.parametrize("encoding", ["latin-1", "utf-16"])
-def test_text_that_is_not_utf_8(folder, encoding):
-    text = FILES["images.csv"].replace("cloudy", "wolkig, Köln".replace(",", ""))
-    (folder / "images.csv").write_bytes(text.encode(encoding))
+def test_text_of_a_western_code_page_is_read_and_told(folder):
+    text = FILES["images.csv"].replace("cloudy", "wolkig in Köln")
+    (folder / "images.csv").write_bytes(text.encode("cp1252"))
+    with pytest.warns(UserWarning, match=r"images.csv, line 2: .* Windows-1252 \('Köln'\)"):
+        block = read(folder)
+    assert "wolkig in Köln" in block.images.to_string()
+
+
+def test_utf_16_is_read(folder):
+    (folder / "images.csv").write_bytes(FILES["images.csv"].encode("utf-16"))
+    count = FILES["images.csv"].strip().count("\n")
+    assert len(read(folder).images) == count
+
+
+def test_text_of_another_code_page_is_refused_with_its_line(folder):
+    text = FILES["images.csv"].replace("cloudy", "пасмурно")
+    (folder / "images.csv").write_bytes(text.encode("cp1251"))
     sentence = fault(folder)
-    assert sentence.startswith("images.csv, row ") and "save the file as UTF-8" in sentence
-    assert encoding != "latin-1" or "row 2" in sentence
+    assert sentence.startswith("images.csv, line 2: ") and "save the file as UTF-8" in sentence
 
 
 def test_rows_are_counted_through_blank_lines(folder):

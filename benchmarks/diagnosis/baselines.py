@@ -25,7 +25,7 @@ from corridor.core.adjustment import Adjustment
 from corridor.core.effects import Effect, Images, candidates, group_names, group_of_image, predict
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis.reference import ReferenceModel
-from corridor.diagnosis.system.groups import with_points
+from corridor.diagnosis.system.groups import of_some
 
 # Residuals beyond so many sigmas are taken for wrong matches.
 OUTLYING = 3.0
@@ -63,7 +63,7 @@ def _by_hand(believed, before, tested, control) -> dict[str, dict[str, float]]:
         for point in control if effect.group == "point" else [None]:
             key = effect.slug if point is None else f"{effect.slug}.{point}"
             try:
-                after = believed.adjust([with_points(effect, [point]) if point else effect])
+                after = believed.adjust([of_some(effect, [point]) if point else effect])
                 table = after.effects[after.effects["slug"] == effect.slug]
             except (InputError, AdjustmentFailed):
                 continue

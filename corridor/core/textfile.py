@@ -12,6 +12,7 @@ import io
 import json
 import math
 import re
+import warnings
 import zlib
 from collections.abc import Iterator
 from itertools import chain, islice
@@ -26,6 +27,9 @@ from corridor.core.errors import InputError
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 # 1.5D+03, as programs in Fortran print it.
 _FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d+$)")
+# Bytes that are no UTF-8, and what they are in no word.
+_FOREIGN = re.compile("[\udc80-\udcff]")
+_NO_WORD = re.compile(r"[^\x00-\x7f]{3}|[\x80-\x9f]")
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 # Numbers as text are packed to a third or a tenth. What is packed to less than a hundredth holds
 # nothing but repetition, and may have been made to fill a memory; so few bytes fill none.
@@ -188,18 +192,32 @@ def check_growth(name: str, packed: int, size: int) -> None:
 def lines(path: Path, size: int = 0, passed: int = 0) -> Iterator[Line]:
     """Every line, also of a packed file; CR LF, CR and LF may be mixed.
 
-    UTF-8 with or without byte order mark, or UTF-16 with one. size, passed: the bytes and lines at
-    its beginning that are left out.
+    UTF-8 with or without byte order mark, or UTF-16 with one; what is neither, as Excel saves it,
+    is read as Windows-1252 where that is plausible, with a warning. size, passed: the bytes and
+    lines at its beginning that are left out.
     Raises InputError where the file cannot be read or is no text.
     """
-    at = passed
+    at, told = passed, False
     try:
         with unpacked(path) as data:
             encoding = "utf-16" if data.read(2) in _UTF16 else "utf-8-sig"
             data.seek(size)
-            with io.TextIOWrapper(data, encoding) as texts:
+            # A byte that is no UTF-8 waits as half a character for what it may be.
+            with io.TextIOWrapper(data, encoding, errors="surrogateescape") as texts:
                 for at, text in enumerate(texts, start=passed + 1):
                     line = Line(path, at, text.rstrip("\n"))
+                    if not text.isascii() and _FOREIGN.search(text):
+                        line.text = _western(line)
+                        if not told:
+                            words = re.split(r"[;,\s]+", line.text)
+                            word = next(word for word in words if not word.isascii())
+                            warnings.warn(
+                                f"{path.name}, line {at}: the text is not UTF-8 and was read as "
+                                f"Windows-1252 ({word[:40]!r}); where names come out wrong, save "
+                                "the file as UTF-8",
+                                stacklevel=2,
+                            )
+                        told = True
                     if "\0" in text:
                         raise line.wrong("this is not text; give a text")
                     yield line
@@ -209,6 +227,21 @@ def lines(path: Path, size: int = 0, passed: int = 0) -> Iterator[Line]:
         ) from None
     except (OSError, EOFError) as error:
         raise missing(path, error) from error
+
+
+def _western(line: Line) -> str:
+    """A line that is not UTF-8, as Windows-1252 has it. Raises InputError where it looks like
+    another code page: no western language has three accented letters in a row."""
+    try:
+        text = line.text.encode("utf-8", "surrogateescape").decode("cp1252")
+    except UnicodeError:
+        text = ""
+    if not text or _NO_WORD.search(text):
+        raise line.wrong(
+            "the text is not UTF-8, and of which code page it is does not show; save the file as "
+            "UTF-8"
+        )
+    return text
 
 
 def filled(path: Path, comment: str | tuple[str, ...] = "") -> Iterator[Line]:

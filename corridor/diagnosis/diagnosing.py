@@ -18,7 +18,7 @@ from corridor.core.adjustment import (
     refit,
     with_turns_as_seen,
 )
-from corridor.core.block import EXACT_M, SIGMA, Block, read, with_equal_axes, without_distances
+from corridor.core.block import EXACT_M, SIGMA, Block, read, with_equal_axes
 from corridor.core.engine.threads import one_thread
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.options import options
@@ -124,12 +124,10 @@ def _diagnose(
 ) -> Diagnosis:
     """With the settings in use."""
     began = time.perf_counter()
-    block, unused = without_distances(read(block))
-    block, exact = _without_exact_control(block)
+    block, exact = _without_exact_control(read(block))
     block, equal = with_equal_axes(block)
     block, found, notes = prepare(block)
     notes = [
-        *unused,
         *exact,
         *equal,
         *(one.sentence for one in found if one.column == "gnss"),

@@ -36,7 +36,7 @@ from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS, Settings
 from corridor.diagnosis.system.elimination import Elimination, too_wide
 from corridor.diagnosis.system.equations import Equations, equations
-from corridor.diagnosis.system.groups import with_points
+from corridor.diagnosis.system.groups import of_some
 
 # Rows of an image: its pose, the slow noise of its position, and as many values as its pose has.
 _WITH_VALUES = 15
@@ -141,7 +141,7 @@ class Course:
         for key in keys:
             slug, _, point = key.partition(".")
             points.setdefault(slug, []).extend([point] if point else [])
-        return [with_points(names[slug], chosen) for slug, chosen in points.items()]
+        return [of_some(names[slug], chosen) for slug, chosen in points.items()]
 
 
 @dataclass(frozen=True)
@@ -413,7 +413,7 @@ class _Asked:
         Beside a model that does not fit, residuals hang together by what it misses.
         """
         both = [n for n in found.chosen if evidence.groups[n].key in self.model]
-        if not any(evidence.groups[n].point is None for n in both):
+        if not any(evidence.groups[n].single is None for n in both):
             return evidence.inflation
         if not self.draws:
             self.draws += drawn(self.adjustment, self.equations)

@@ -28,7 +28,7 @@ def seen(shifts, rng, points=6):
     groups = [
         Group(
             f"control_blunder.P{k}", find("control_blunder"), None, 3 * k + np.arange(3),
-            np.ones(3), [(f"P{k}", axis, "m") for axis in "xyz"], point=f"P{k}",
+            np.ones(3), [(f"P{k}", axis, "m") for axis in "xyz"], single=f"P{k}",
         )
         for k in range(points)
     ]  # fmt: skip

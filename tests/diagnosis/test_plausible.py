@@ -30,7 +30,7 @@ def one_group(slug, M, g, point=None):
         np.arange(len(parameters)),
         np.array([p.scale for p in parameters]),
         [("block", p.name, p.unit) for p in parameters],
-        point=point,
+        single=point,
         most=np.array([p.most for p in parameters]),
     )
     reduced = Reduced(M, g, [group])
@@ -167,9 +167,9 @@ class TestCheckPointsHaveTheLastWord:
         """Rows that wander by 1.5 px made two good control points contradict the rest."""
         asked = object.__new__(Verification)
         key = "control_blunder.G1" if point else "gnss_bias"
-        bending = SimpleNamespace(key="row_polynomial", point=None)
+        bending = SimpleNamespace(key="row_polynomial", single=None)
         bending.effect = SimpleNamespace(place=place)
-        asked._groups = [bending, SimpleNamespace(key=key, point=point)]
+        asked._groups = [bending, SimpleNamespace(key=key, single=point)]
         asked.findings = Findings(
             [Estimate(key, "named", 9.0, [], key=key)],
             [Unknown("row_polynomial", "unknown", 9.0, number=0)],

@@ -16,7 +16,7 @@ from corridor.diagnosis.anomalies import wrong_matches as discontinuity
 from corridor.diagnosis.findings.location import _images
 from corridor.diagnosis.findings.verdict import refines
 from corridor.diagnosis.settings import SETTINGS, changed
-from corridor.diagnosis.system.groups import Group, with_points
+from corridor.diagnosis.system.groups import Group, of_some
 
 
 def test_the_noise_of_a_model_is_the_same_whatever_was_asked_before():
@@ -83,7 +83,7 @@ def test_finer_is_what_an_effect_says_and_not_what_it_inherits():
 
 
 def test_an_effect_of_some_points_keeps_all_that_the_contract_says():
-    whole, part = find("control_blunder"), with_points(find("control_blunder"), ["P1"])
+    whole, part = find("control_blunder"), of_some(find("control_blunder"), ["P1"])
     for name in Effect.__annotations__:
         assert getattr(part, name) == getattr(whole, name)
 

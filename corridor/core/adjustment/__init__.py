@@ -10,7 +10,7 @@ from corridor.core.adjustment.absolute_orientation import AbsoluteOrientation, l
 from corridor.core.adjustment.adjusting import Run, adjust, complete, refit, without_ties
 from corridor.core.adjustment.check_statistics import check_table
 from corridor.core.adjustment.covariance import Covariance
-from corridor.core.adjustment.datum import QUANTITIES
+from corridor.core.adjustment.datum import QUANTITIES, open_motions
 from corridor.core.adjustment.design import Design, Sets
 from corridor.core.adjustment.left_out import adjustable_part
 from corridor.core.adjustment.linear_system import Columns, ImageRows, LinearSystem
@@ -30,7 +30,7 @@ from corridor.core.adjustment.model import (
 from corridor.core.adjustment.normal import Normal
 from corridor.core.adjustment.point_quality import without_depth
 from corridor.core.adjustment.precompiling import precompiled_aside
-from corridor.core.adjustment.problem import make_problem, refuse_distances
+from corridor.core.adjustment.problem import make_problem
 from corridor.core.adjustment.readjusting import gnss_of_metres
 from corridor.core.adjustment.regression import PointRegression, point_regression
 from corridor.core.adjustment.result import Adjustment, not_converged

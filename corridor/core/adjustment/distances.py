@@ -23,9 +23,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from corridor.core.adjustment.model import Loss
 from corridor.core.adjustment.observations import Control, Network
 from corridor.core.adjustment.unknowns import State, Unknown, Unknowns
 from corridor.core.block import Block
+from corridor.core.effects import Context
+from corridor.core.engine.scene import robust
 from corridor.core.errors import some
 from corridor.core.output import with_units
 
@@ -185,8 +188,9 @@ def _ends(p: Problem, state: State) -> np.ndarray:
 
 
 def distance_rows(p: Problem, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Residuals (k,), measured minus modelled, m, with the derivatives (k, 6) of the modelled and
-    the columns (k, 6) among the shared unknowns that they are by."""
+    """Residuals (k,), measured minus modelled, m, with the derivatives (k, 6 + q) of the modelled
+    and the columns (k, 6 + q) among the shared unknowns that they are by: the ends, and what
+    effects of distances have."""
     place = _ends(p, state)
     one, other = p.distance_ends.T
     apart = place[one] - place[other]
@@ -195,21 +199,35 @@ def distance_rows(p: Problem, state: State) -> tuple[np.ndarray, np.ndarray, np.
     first = p.shared_count - 3 * len(p.end_names)
     columns = first + 3 * p.distance_ends[:, :, None] + np.arange(3)
     by = np.concatenate([-unit, unit], axis=1)
-    return p.distance_given - length, by, columns.reshape(-1, 6)
+    context = Context(p.images, distance=p.distance_rows, length=p.distance_given)
+    shift, of_effects = p.stack.evaluate("distance", context, state.effects)
+    there = p.distance_column >= 0
+    by = np.concatenate([by, np.where(there, of_effects[:, 0], 0.0)], axis=1)
+    more = np.where(there, p.distance_column, first)
+    columns = np.concatenate([columns.reshape(-1, 6), more], axis=1)
+    return p.distance_given - length - shift[:, 0], by, columns
 
 
 def add_distances(normal, p: Problem, state: State, matrix: bool) -> float:
-    """Add the distances to what images share; twice their cost."""
+    """Add the distances to what images share; twice their cost.
+
+    A robust loss is theirs too, in their own standard deviations: beside image points that give
+    way, a wrong distance would draw its ends to itself, and look right.
+    """
     if not len(p.distance_given):
         return 0.0
     residual, by, columns = distance_rows(p, state)
-    np.add.at(normal.shared_gradient, columns, by * (p.distance_weight * residual)[:, None])
+    loss = normal.loss._replace(width=max(normal.loss.width, Loss().width))
+    cost, soft = robust(loss, p.distance_weight * residual**2)
+    weights = p.distance_weight * soft**2
+    np.add.at(normal.shared_gradient, columns, by * (weights * residual)[:, None])
     if matrix:
-        for row, at, weight in zip(by, columns, p.distance_weight, strict=True):
+        for row, at, weight in zip(by, columns, weights, strict=True):
             block = weight * np.outer(row, row)
-            normal.shared_block[at[:, None], at] += np.where(at[:, None] >= at, block, 0.0)
-            normal.shared_reference[at] += np.diag(block)
-    return float(np.sum(p.distance_weight * residual**2))
+            lower = np.where(at[:, None] >= at, block, 0.0)
+            np.add.at(normal.shared_block, (at[:, None], at), lower)
+            np.add.at(normal.shared_reference, at, np.diag(block))
+    return float(np.sum(cost))
 
 
 def ends_at_points(p: Problem, state: State) -> State:
@@ -223,12 +241,12 @@ def ends_at_points(p: Problem, state: State) -> State:
 
 
 def scale_of(p: Problem, state: State) -> float:
-    """By how much the points are too small for the distances: weighted mean ratio."""
+    """By how much the points are too small for the distances: the median ratio, of the longer
+    half."""
     place = _ends(p, state)
     one, other = p.distance_ends.T
     length = np.linalg.norm(place[one] - place[other], axis=1)
-    weight = p.distance_weight * length**2
-    return float(np.sum(weight * p.distance_given / length) / np.sum(weight))
+    return float(np.median((p.distance_given / length)[length >= np.median(length)]))
 
 
 def table_of(p: Problem, state: State, covariance: Covariance, sigma0: float) -> pd.DataFrame:

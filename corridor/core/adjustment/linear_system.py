@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import block_array, coo_array, csc_array, csr_array, vstack
 
-from corridor.core.adjustment.distances import ENDS
+from corridor.core.adjustment.distances import ENDS, distance_rows
 from corridor.core.adjustment.matrix import Bordered
 from corridor.core.adjustment.measured_poses import pose_rows, residuals
 from corridor.core.adjustment.model import CAMERA, EFFECT, LEVER_ARM
@@ -214,7 +214,7 @@ class LinearSystem:
         # Zero moves nothing; some effects ask for another start when they are adjusted.
         stacks = [problem.stack, *(Stack(self.block, [effect]) for effect in away)]
         zero = {s: np.zeros_like(v) for stack in stacks for s, v in stack.start().items()}
-        known = {slug: v for slug, v in self.state.effects.items() if slug in zero}
+        known = {s: v for s, v in self.state.effects.items() if s in zero or s == ENDS}
         state = replace(self.state, effects=zero | known)
         return replace(self, problem=problem, state=state, tested=away, gnss_counts=False)
 
@@ -226,13 +226,14 @@ class LinearSystem:
         control: np.ndarray | None = None,
         prior: np.ndarray | None = None,
         attitude: np.ndarray | None = None,
+        distance: np.ndarray | None = None,
     ) -> LinearSystem:
         """The system of other measurements of the same things; None leaves them.
 
         Coordinates are those of the rows: of `gnss` and `control`, say. xy (n, 2), px, and sigma
         (n,), infinite where a row shall not count, as in `image_rows`; gnss (k, 3), control (c, 3),
         m; prior (q,): expected values of what images share; attitude (k, 3): rad, by which the
-        measured are turned further, about level axes.
+        measured are turned further, about level axes; distance (k, 1), m.
         """
         if attitude is not None:
             p = self.problem
@@ -249,6 +250,7 @@ class LinearSystem:
             "control_given": control,
             "prior_value": prior,
             "attitude_given": attitude,
+            "distance_given": None if distance is None else distance[:, 0],
         }
         stated: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
         return replace(self, problem=replace(self.problem, **stated))
@@ -409,6 +411,25 @@ class LinearSystem:
         """The attitudes, rad, about level axes; given: zero, what `measuring` turns them by."""
         beside = [csr_array((3 * len(self.problem.attitude_image), b.size)) for b in self._beside]
         return self._measured("attitude", beside)
+
+    @cached_property
+    def distance(self) -> Rows:
+        """The distances, one row each: given, residual, sigma (k, 1), m."""
+        p, n = self.problem, len(self.columns)
+        residual, by, columns = distance_rows(p, self.state)
+        at = p.image_count * p.d + columns
+        row = np.broadcast_to(np.arange(len(at))[:, None], at.shape)
+        jacobian = csr_array((by.ravel(), (row.ravel(), at.ravel())), shape=(len(at), n))
+        names = np.array(p.images.distance_names, dtype=object)[p.distance_rows]
+        return Rows(
+            names,
+            p.distance_given[:, None],
+            residual[:, None],
+            p.distance_weight[:, None] ** -0.5,
+            jacobian,
+            np.full(len(at), -1),
+            np.ones((len(at), 1, 1)),
+        )
 
     @cached_property
     def posed(self) -> Rows:

@@ -43,7 +43,6 @@ from corridor.core.effects import (
     stated_lever_arms,
 )
 from corridor.core.engine.scene import PANEL
-from corridor.core.errors import InputError
 from corridor.core.options import made
 
 # What may be measured of poses directly.
@@ -209,7 +208,10 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
             if not any(other.means(which) for other in asked_for):
                 settings.setdefault(which, Setting()).prior = prior
     measured = {"antenna": gnss.gnss_image, "attitude": attitudes.attitude_image}
-    wanted = Wanted(free, arms_free, measured, list(names[control.control_rows]), model.held)
+    wanted = Wanted(
+        free, arms_free, measured, list(names[control.control_rows]), distances.distance_rows,
+        model.held,
+    )  # fmt: skip
     unknowns = with_ends(unknowns_of(images, stack, wanted), distances)
     own = per_image_names(stack, unknowns.per_image_unknowns)
     priors = priors_of(unknowns.unknowns, own, settings, len(rank))
@@ -268,15 +270,6 @@ def _idle(
     return np.array(idle, dtype=np.int64).reshape(-1, 2)
 
 
-def refuse_distances(block: Block) -> None:
-    """Raise InputError where a block has distances, for what does not know them."""
-    if len(block.distances):
-        raise InputError(
-            "distances.csv is used by `adjust` alone: take it out of the block "
-            "(block.with_(distances=None)) to simulate its counterpart or to test effects"
-        )
-
-
 def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
     """The same measurements with columns for effects that are tested, but for those of the antenna.
 
@@ -284,15 +277,14 @@ def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
     Everything else stays as it was estimated, with its priors.
     """
     p, tested = problem, list(tested)
-    refuse_distances(p.block)
     slugs = {effect.slug for effect in tested}
     kept = [m.effect for slug, m in p.stack.members.items() if slug not in slugs]
     here = [effect for effect in tested if effect.place != "antenna"]
     control = list(p.block.ground["point"].to_numpy(dtype=object)[p.control_rows])
     stack = Stack(p.block, [*kept, *here], control)
     measured = {"antenna": p.gnss_image, "attitude": p.attitude_image}
-    wanted = Wanted(p.free, p.arms_free, measured, control, p.model.held)
-    unknowns = unknowns_of(p.images, stack, wanted)
+    wanted = Wanted(p.free, p.arms_free, measured, control, p.distance_rows, p.model.held)
+    unknowns = with_ends(unknowns_of(p.images, stack, wanted), p)
     given = zip(p.unknowns, p.prior_value, p.prior_weight, strict=True)
     priors = {(u.kind, u.owner, u.label): prior for u, *prior in given}
     own = unknowns.per_image_unknowns
@@ -306,6 +298,7 @@ def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
         for u in unknowns.unknowns
     ]
     free = np.zeros((2, p.image_count))
+    ends = {ENDS: p.start.effects[ENDS]} if p.end_names else {}
     per_image_priors = [free if key[0] in slugs else of_images[key] for key in own]
     value, weight = np.array(shared_priors, float).reshape(-1, 2).T
     return replace(
@@ -317,5 +310,5 @@ def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
         prior_weight=weight,
         per_image_prior=np.array(per_image_priors).reshape(-1, *free.shape).transpose(1, 2, 0),
         idle=np.array(idle, dtype=np.int64).reshape(-1, 2),
-        start=replace(p.start, effects=stack.start()),
+        start=replace(p.start, effects=stack.start() | ends),
     )

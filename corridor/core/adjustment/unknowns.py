@@ -61,8 +61,8 @@ class Unknowns:
     Columns of an image (m, ...): >= 0 shared, -1 none, `is_per_image` its own; camera_column by
     interior parameter, slot_column by parameter of effects on camera, image and motion,
     antenna_column of effects on the antenna, attitude_column of those on attitudes, arm_column
-    (m, 3); ground_column (c, ...) of a control point. low, high (m,): whole panels that an image
-    touches.
+    (m, 3); ground_column (c, ...) of a control point, distance_column (k, ...) of a distance. low,
+    high (m,): whole panels that an image touches.
     """
 
     unknowns: list[Unknown]
@@ -76,6 +76,7 @@ class Unknowns:
     attitude_column: np.ndarray
     arm_column: np.ndarray
     ground_column: np.ndarray
+    distance_column: np.ndarray
 
 
 @dataclass
@@ -95,14 +96,16 @@ class Wanted:
     """What is to be estimated beside poses, points and effects.
 
     free: interior parameters of each camera. arms_free: the lever arms. measured: images (k,) with
-    a position, place `antenna`, or an attitude. controls: names of the control points. held:
-    parameters of effects and lever arms that are not to vary.
+    a position, place `antenna`, or an attitude. controls: names of the control points. distances:
+    rows (k,) of distances.csv that count. held: parameters of effects and lever arms that are not
+    to vary.
     """
 
     free: Mapping[str, tuple[str, ...]]
     arms_free: bool
     measured: Mapping[str, np.ndarray]
     controls: list[str]
+    distances: np.ndarray
     held: list[ParameterId]
 
     def holds(self, which: ParameterId) -> bool:
@@ -119,10 +122,10 @@ def unknowns_of(images: Images, stack: Stack, wanted: Wanted) -> Unknowns:
     in_gnss = among["antenna"]
     camera_column = _camera_columns(images, wanted.free, shared)
 
-    def effects(places: tuple[str, ...], rows: np.ndarray | list[str]) -> np.ndarray:
+    def effects(places: tuple[str, ...], rows: np.ndarray | Context) -> np.ndarray:
         """Columns (rows, parameters) of the effects at places, in which `rows` are moved.
 
-        rows: of the images, whether they are; or the names of the control points.
+        rows: of the images, whether they are; or the control points, or distances.
         """
         members = [member for place in places for member in stack.at(place)]
         found = [_columns_of(images, member, rows, wanted, shared, own) for member in members]
@@ -132,7 +135,8 @@ def unknowns_of(images: Images, stack: Stack, wanted: Wanted) -> Unknowns:
     slot_column = effects(("camera", "image", "motion"), np.ones(count, bool))
     antenna_column = effects(("antenna",), in_gnss)
     attitude_column = effects(("attitude",), among["attitude"])
-    ground_column = effects(("ground",), wanted.controls)
+    ground_column = effects(("ground",), Context(images, point=wanted.controls))
+    distance_column = effects(("distance",), Context(images, distance=wanted.distances))
     arm_column = np.full((count, 3), -1)
     if wanted.arms_free:
         for g, flight in enumerate(images.flight_names):
@@ -157,6 +161,7 @@ def unknowns_of(images: Images, stack: Stack, wanted: Wanted) -> Unknowns:
         attitude_column=attitude_column,
         arm_column=arm_column,
         ground_column=ground_column,
+        distance_column=distance_column,
     )
 
 
@@ -176,15 +181,15 @@ def _camera_columns(images: Images, free: Mapping, shared: list[Unknown]) -> np.
 def _columns_of(
     images: Images,
     member: Member,
-    rows: np.ndarray | list[str],
+    rows: np.ndarray | Context,
     wanted: Wanted,
     shared: list[Unknown],
     own: list[tuple[str, int]],
 ) -> np.ndarray:
     """Columns (rows, parameters) of an effect; what is estimated is added to shared and own."""
     effect, names = member.effect, member.groups
-    if isinstance(rows, list):
-        of_row = Context(images, point=rows).group(effect.group)
+    if isinstance(rows, Context):
+        of_row = rows.group(effect.group)
         moved = set(of_row.tolist())
     else:
         of_row = group_of_image(images, effect.group)

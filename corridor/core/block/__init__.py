@@ -8,7 +8,6 @@ from corridor.core.block.block import (
     is_block,
     read,
     with_equal_axes,
-    without_distances,
 )
 from corridor.core.block.corners import corner_rays, footprints
 from corridor.core.block.correlation import (

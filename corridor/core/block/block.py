@@ -213,6 +213,18 @@ class Block:
         return self.ground["group"].fillna("1").to_numpy(dtype=object)
 
     @property
+    def distance_names(self) -> list[str]:
+        """What each row of distances.csv is called, "A to B"; of two with the same ends "A to B
+        (2)"."""
+        ends = zip(self.distances["from"], self.distances["to"], strict=True)
+        count: dict[str, int] = {}
+        out = []
+        for name in (f"{one} to {other}" for one, other in ends):
+            count[name] = count.get(name, 0) + 1
+            out.append(name if count[name] == 1 else f"{name} ({count[name]})")
+        return out
+
+    @property
     def _flights(self) -> tuple[np.ndarray, pd.api.extensions.ExtensionArray]:
         if "flight" not in self.images:
             return np.zeros(len(self.images), dtype=np.int64), pd.array(["1"], dtype="str")
@@ -522,20 +534,6 @@ def read(folder: str | os.PathLike | Block) -> Block:
     )
     block.check()
     return block
-
-
-def without_distances(block: Block) -> tuple[Block, list[str]]:
-    """A block without its distances, and a sentence on that where there were some: for whoever
-    does not use them yet."""
-    count = len(block.distances)
-    if not count:
-        return block, []
-    rows = "its row is" if count == 1 else f"its {count} rows are"
-    note = (
-        f"distances.csv is not used here, {rows} left out, and scale comes from images, control "
-        "and GNSS alone: `corridor adjust` uses distances."
-    )
-    return block.with_(distances=None), [note]
 
 
 def files_of(folder: Path) -> list[Path]:

@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +20,7 @@ import pandas as pd
 
 from corridor.core.block.tables import LAYOUTS, NAMES, Layout, categorical, missing_columns, pa, pc
 from corridor.core.errors import InputError
-from corridor.core.textfile import check_growth
+from corridor.core.textfile import check_growth, lines
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
@@ -118,8 +119,23 @@ def _numbers(pieces: Iterable[pa.ChunkedArray], rows: int) -> np.ndarray:
 # --- .csv ------------------------------------------------------------------------------------
 
 
+class _NotUtf8(InputError):
+    """A table whose text is not UTF-8."""
+
+
 def _read_csv(path: Path, layout: Layout) -> pd.DataFrame:
-    header, lines = _header(path)
+    """The table of a file, also of one that Excel saved in the code page of its computer."""
+    try:
+        return _read_utf8(path, layout)
+    except _NotUtf8:
+        with TemporaryDirectory() as home:
+            copy = Path(home) / path.name
+            copy.write_text("\n".join(line.text for line in lines(path)), encoding="utf-8")
+            return _read_utf8(copy, layout)
+
+
+def _read_utf8(path: Path, layout: Layout) -> pd.DataFrame:
+    header, passed = _header(path)
     missing = [name for name in layout.needed if name not in header]
     if missing:
         if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
@@ -140,13 +156,13 @@ def _read_csv(path: Path, layout: Layout) -> pd.DataFrame:
     types = dict.fromkeys(names, pa.string())
     types |= dict.fromkeys(layout.coded, _coded_type()) | dict.fromkeys(numbers, pa.float64())
     try:
-        arrow = _parse(path, names, lines, types)
+        arrow = _parse(path, names, passed, types)
         # "nan" and "inf" are numbers to the parser, not to us.
         sound = all(pc.all(pc.is_finite(arrow[name])).as_py() is not False for name in numbers)
     except pa.ArrowInvalid:
         sound = False
     if not sound:
-        arrow = _parse_carefully(path, layout, names, lines, numbers)
+        arrow = _parse_carefully(path, layout, names, passed, numbers)
     for index, name in enumerate(names):
         if name.startswith(_UNNAMED):
             if arrow[name].null_count < len(arrow):
@@ -287,13 +303,7 @@ def _not_a_table(path: Path, width: int, error: Exception) -> InputError:
 
 
 def _not_utf8(path: Path) -> InputError:
-    data = path.read_bytes()
-    try:
-        data.decode("utf-8-sig")
-        line = 1
-    except UnicodeDecodeError as error:
-        line = data.count(b"\n", 0, error.start) + 1
-    return InputError(f"{path.name}, row {line}: the text is not UTF-8; save the file as UTF-8")
+    return _NotUtf8(f"{path.name}: the text is not UTF-8; save the file as UTF-8")
 
 
 def _rows(path: Path):

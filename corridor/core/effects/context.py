@@ -14,7 +14,7 @@ from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_quaternion
 
 # Who may share a set of values.
-GROUPS = ("block", "camera", "flight", "image", "point", "survey", "member")
+GROUPS = ("block", "camera", "flight", "image", "point", "survey", "member", "distance")
 
 
 @dataclass
@@ -28,7 +28,7 @@ class Images:
     above the sea, m. constants: of the block, by effect, as [effect.SLUG] of block.toml says.
     survey: from where each ground point was surveyed, by its name; survey_names: all of these.
     member (m,): which of member_names, the cameras of rigs but for the bases, took an image
-    together with others; -1: none of them.
+    together with others; -1: none of them. distance_names: of the rows of distances.csv.
     """
 
     names: np.ndarray
@@ -58,6 +58,7 @@ class Images:
     survey_names: list[str] = field(default_factory=list)
     member: np.ndarray | None = None
     member_names: list[str] = field(default_factory=list)
+    distance_names: list[str] = field(default_factory=list)
 
     @classmethod
     def of(cls, block: Block) -> "Images":
@@ -108,6 +109,7 @@ class Images:
             member=member,
             member_names=members,
             survey_names=list(dict.fromkeys(block.ground_groups)),
+            distance_names=block.distance_names,
             gyroscope=Gyroscope(block)
             if set(RATES) <= set(block.rates) and len(block.rates)
             else None,
@@ -168,6 +170,7 @@ class Context:
     row: (rows,) row fraction: -1/2 in the row that is read first, 1/2 in the last (places motion
     and image).
     point, position: names and given coordinates (rows, 3) of ground control (place ground).
+    distance, length: rows of distances.csv (rows,), and as measured, m (place distance).
     At the place image position is the object point (rows, 3), m, world, and depth (rows,) how far
     before the camera it lies, for effects that say `sees_points`.
     """
@@ -181,14 +184,26 @@ class Context:
         row: np.ndarray | None = None,
         point: list[str] | None = None,
         position: np.ndarray | None = None,
+        distance: np.ndarray | None = None,
+        length: np.ndarray | None = None,
     ):
         # Which of these there are depends on the place; an effect asks for those of its own.
         self.images, self.image = images, cast(np.ndarray, image)
         self.pixel, self.ray, self._row = cast(np.ndarray, pixel), cast(np.ndarray, ray), row
         self.point, self._position = cast(list[str], point), position
+        self.distance, self.length = distance, cast(np.ndarray, length)
 
     def __len__(self) -> int:
+        if self.distance is not None:
+            return len(self.distance)
         return len(self.point) if self.image is None else len(self.image)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the ground points, or distances."""
+        if self.distance is None:
+            return self.point
+        return [self.images.distance_names[k] for k in self.distance]
 
     @property
     def row(self) -> np.ndarray:
@@ -284,6 +299,8 @@ class Context:
             return np.zeros(len(self), dtype=np.int64)
         if kind == "point":
             return np.arange(len(self))
+        if kind == "distance":
+            return cast(np.ndarray, self.distance)
         if kind == "survey":
             names = self.images.survey_names
             return np.array([names.index(self.images.survey[one]) for one in self.point], np.int64)
@@ -317,4 +334,5 @@ def group_names(images: Images, kind: str, points: Sequence[str] = ()) -> list[s
         "point": list(points),
         "survey": images.survey_names,
         "member": images.member_names,
+        "distance": images.distance_names,
     }[kind]

@@ -21,6 +21,7 @@ from corridor.core.errors import InputError, did_you_mean
 # Shape of one row's shift, by place.
 PLACES = {
     "camera": len(INTERIOR), "image": 2, "motion": 6, "antenna": 3, "attitude": 3, "ground": 3,
+    "distance": 1,
 }  # fmt: skip
 
 
@@ -78,7 +79,8 @@ class Effect(ABC):
     called: the effect in the middle of a sentence, "... is missing from the model".
     needs: columns that must be known, `table.column`, or `camera.key`. takes: columns that are
     used where they are known.
-    group: who shares a set of values: the block, a camera, a flight, an image or a ground point.
+    group: who shares a set of values: the block, a camera, a flight, an image, a ground point or a
+    measured distance.
     generic: a mathematical shape that stands for the unknown, not a physical cause.
     searched: whether the diagnosis asks for it; not where others of the catalogue say it better.
     sudden: a break of the picture at a line, which matches across that line show one by one too.
@@ -148,7 +150,7 @@ class Effect(ABC):
 
         values: (rows, parameters), the values of each row's own group.
         Returns (rows, dimension) in the unit of the place (camera: `INTERIOR`; image: px; motion:
-        centre m and rotation of the camera rad, in the camera frame; antenna, ground: m;
+        centre m and rotation of the camera rad, in the camera frame; antenna, ground, distance: m;
         attitude: turn of the measured frame against the camera, rad, in the camera frame), and
         its derivative (rows, dimension, parameters) by the values of the row's group.
         """

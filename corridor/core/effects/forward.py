@@ -23,7 +23,7 @@ class Prediction:
 
     tie, mark: (n, 2) px, NaN where the point is not in front of the camera; gnss: (n, 3) antenna,
     m; attitude: (n, 3, 3) world to camera; control: (n, 3) coordinates as they would be given, m,
-    for the rows of ground.csv with the role control.
+    for the rows of ground.csv with the role control; distance: (n,) as they would be given, m.
     """
 
     tie: np.ndarray
@@ -31,6 +31,7 @@ class Prediction:
     gnss: np.ndarray
     attitude: np.ndarray
     control: np.ndarray
+    distance: np.ndarray
 
 
 def predict(block: Block, values: Mapping = {}) -> Prediction:  # noqa: B006
@@ -64,6 +65,7 @@ def _predict(block: Block, images: Images, stack: Stack, values: Arrays) -> Pred
         gnss=_antenna(block, images, stack, values),
         attitude=_attitude(block, images, stack, values),
         control=control + stack.moved_ground(images, control_names(block), control, values),
+        distance=_distance(block, images, stack, values),
     )
 
 
@@ -114,6 +116,17 @@ def _attitude(block, images, stack, values):
     return rotation_from_vector(-shift) @ turned if shift.any() else turned
 
 
+def _distance(block, images, stack, values, sign=1.0):
+    stated = moved = block.column("distances", "distance")
+    # What an effect does is said of the measured distance: adding it is a contraction.
+    for _ in range(40 if sign > 0 else 1):
+        before, context = moved, Context(images, distance=np.arange(len(stated)), length=moved)
+        moved = stated + sign * stack.evaluate("distance", context, values)[0][:, 0]
+        if np.abs(moved - before).max(initial=0.0) < 1e-12:
+            break
+    return moved
+
+
 def stated_lever_arms(block: Block) -> np.ndarray:
     """Lever arm (flights, 3) that block.toml states, zero where it states none; camera frame, m."""
     default = block.lever_arm.get("default", (0.0, 0.0, 0.0))
@@ -153,6 +166,8 @@ def _moved(block: Block, values: Mapping, sign: float) -> Block:
     if stack.at("attitude") and len(turn):
         turn = turn if sign > 0 else turn.transpose(0, 2, 1)
         out.put_attitudes(turn @ out.attitude_rotations)
+    if stack.at("distance"):
+        out.distances["distance"] = _distance(block, images, stack, given, sign)
     if stack.at("ground") and len(block.ground):
         names, stated = block.ground["point"].tolist(), block.numbers("ground", *"xyz")
         moved = stated

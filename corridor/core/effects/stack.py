@@ -12,6 +12,11 @@ from corridor.core.errors import AdjustmentFailed, InputError
 
 # Slug -> (groups, parameters), as the equations have the values of effects.
 Arrays = dict[str, np.ndarray]
+# What else than images an effect may act on: what that is called, and its groups.
+_OWN_GROUPS = {
+    "ground": ("ground points", ("point", "survey")),
+    "distance": ("measured distances", ("distance",)),
+}
 # Motion is fitted a little beyond the first and last row: modelled points may lie outside.
 ROW_REACH = 0.55
 
@@ -239,9 +244,10 @@ def check_needs(block: Block, effects: list[Effect]) -> None:
 def check_groups(effects: list[Effect]) -> None:
     """Refuse a group that a place does not have (an effect of ground points shared by images)."""
     for effect in effects:
-        ground = effect.place == "ground"
-        if (effect.group in ("point", "survey")) != ground and effect.group != "block":
+        what, own = _OWN_GROUPS.get(effect.place, ("images", ()))
+        others = {group for _, groups in _OWN_GROUPS.values() for group in groups}
+        fits = effect.group in own if own else effect.group not in others
+        if not fits and effect.group != "block":
             raise InputError(
-                f"effect {effect.slug} acts on {'ground points' if ground else 'images'} and has "
-                f"no group {effect.group}: use another"
+                f"effect {effect.slug} acts on {what} and has no group {effect.group}: use another"
             )

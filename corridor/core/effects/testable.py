@@ -11,7 +11,7 @@ from corridor.core.effects.registry import every_effect
 from corridor.core.errors import InputError, did_you_mean
 
 # Tables whose effects are errors of what they hold, and what tells that a block has them.
-_OWN = {"attitudes": "attitudes", "rig": "rig.member"}
+_OWN = {"attitudes": "attitudes", "rig": "rig.member", "distances": "distances"}
 
 
 @dataclass

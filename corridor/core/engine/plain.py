@@ -26,8 +26,6 @@ from scipy.sparse import csr_array, tril
 from scipy.spatial.transform import Rotation
 
 from corridor.core.engine.scene import (
-    CAUCHY,
-    HUBER,
     PANEL,
     PASSES,
     Asked,
@@ -37,6 +35,7 @@ from corridor.core.engine.scene import (
     Rays,
     Scene,
     Step,
+    robust,
 )
 
 # Rows and columns of the six numbers that a symmetric matrix of a point has.
@@ -170,7 +169,7 @@ def _see_once(scene: Scene, row: np.ndarray, modelled: np.ndarray) -> _Seen:
         skew[:, [0, 1, 1], [0, 0, 1]] = o.skewed[rays]
         residual, by, slope = _times(skew, residual), skew @ by, skew @ slope
     cost = np.sum(residual**2, axis=1)
-    cost, soft = _robust(scene.loss, cost)
+    cost, soft = robust(scene.loss, cost)
     weight, residual = weight * soft, residual * soft[:, None]
     return _Seen(
         image, x, place, turn, rotation, ahead, ray, lens, f, distorted, affine, stretched, weight,
@@ -236,18 +235,6 @@ def _distorted(ray: np.ndarray, interior: np.ndarray) -> tuple[np.ndarray, np.nd
         [mixed, radial + 2 * v**2 * by_r2 + 6 * p2 * v + 2 * p1 * u],
     ]
     return np.stack([a, b], axis=1), np.array(by).transpose(2, 0, 1)
-
-
-def _robust(loss, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cost rho(s) of squares s (n,), and root of the weight rho'(s)."""
-    k2 = loss.width**2
-    if loss.kind == HUBER:
-        length = np.sqrt(np.maximum(square, k2))
-        cost = np.where(square > k2, 2.0 * loss.width * length - k2, square)
-        return cost, np.sqrt(loss.width / length)
-    if loss.kind == CAUCHY:
-        return k2 * np.log1p(square / k2), 1.0 / np.sqrt(1.0 + square / k2)
-    return square, np.ones_like(square)
 
 
 # --- Jacobian rows --------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ Every engine takes the same: what is measured, where cameras stand and how they 
 say, and which unknown stands behind each derivative.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -236,3 +236,15 @@ class Passing(NamedTuple):
     def moves(self, k: int) -> np.ndarray:
         """How far (numbered, 3, k) points with a row of their own went, m."""
         return self.moved.reshape(-1, 3, self.sets)[..., :k]
+
+
+def robust(loss: Any, square: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cost rho(s) of squares s (n,), and root of the weight rho'(s)."""
+    k2 = loss.width**2
+    if loss.kind == HUBER:
+        length = np.sqrt(np.maximum(square, k2))
+        cost = np.where(square > k2, 2.0 * loss.width * length - k2, square)
+        return cost, np.sqrt(loss.width / length)
+    if loss.kind == CAUCHY:
+        return k2 * np.log1p(square / k2), 1.0 / np.sqrt(1.0 + square / k2)
+    return square, np.ones_like(square)

@@ -32,7 +32,8 @@ class Measured(NamedTuple):
 
     prior: value of the priors of shared unknowns. check: given coordinates of the check points,
     without what effects of the ground do to them. posed: what attitudes are turned by, rad, and
-    members of rigs are moved by (`system.posed`).
+    members of rigs are moved by (`system.posed`). distance (k, 1): m. Behind control stand the
+    ends of distances, as in `system.control`.
     """
 
     xy: np.ndarray
@@ -41,6 +42,7 @@ class Measured(NamedTuple):
     prior: np.ndarray
     check: np.ndarray
     posed: np.ndarray
+    distance: np.ndarray
 
 
 class LinearFits:
@@ -78,7 +80,7 @@ class LinearFits:
         self._weight = np.repeat(1.0 / sigma, 2)
         self._poses = [
             (rows.jacobian, rows.sigma.reshape(-1, 1) ** -2.0)
-            for rows in (system.gnss, system.posed)
+            for rows in (system.gnss, system.posed, system.distance)
         ]
 
     def __call__(self, drawn: Iterable[Measured]) -> list[Fit]:
@@ -98,6 +100,7 @@ class LinearFits:
         poses = [
             others.gnss + fit.gnss.reshape(-1, 1),
             others.posed + fit.posed.reshape(-1, 1),
+            others.distance + fit.distance,
         ]
         sets = Sets(image, others.control + fit.control.reshape(-1, 1), self._counted)
         columns = self._system.columns
@@ -122,7 +125,12 @@ class LinearFits:
             one /= self._weight
             one[behind] = np.nan
         return [
-            Fit(fit.state, image[n].reshape(-1, 2), *(one[:, n].reshape(-1, 3) for one in small))
+            Fit(
+                fit.state,
+                image[n].reshape(-1, 2),
+                *(one[:, n].reshape(-1, 3) for one in small),
+                poses[2][:, [n]],
+            )  # fmt: skip
             for n in range(k)
             for small in [(poses[0], sets.control, check, poses[1])]
         ]

@@ -55,8 +55,12 @@ def counterpart(
         given = system.measuring(attitude=drawn.posed[:count]).problem.attitude_given
         turned[np.isfinite(turned).all(axis=(1, 2))] = given
         block.put_attitudes(turned)
+    if len(drawn.distance):
+        row = block.distances.index[system.problem.distance_rows]
+        block.distances.loc[row, "distance"] = drawn.distance[:, 0]
+    given = system.control.along_axes(drawn.control)[: len(system.control_rows)]
     for rows, values in (
-        (system.control_rows, system.control.along_axes(drawn.control)),
+        (system.control_rows, given),
         (replicator.check_rows, drawn.check + replicator.check_moved),
     ):
         if len(rows):
@@ -91,7 +95,7 @@ def _with_effects(block: Block, replicator: Replicator, effects: Mapping[str, Ma
         for (name, camera), interior in zip(block.cameras.items(), state.interior, strict=True)
     }
     moved = add(there, effects)
-    for table in ("tie_points", "marks", "gnss", "ground", "attitudes"):
+    for table in ("tie_points", "marks", "gnss", "ground", "attitudes", "distances"):
         setattr(block, table, getattr(moved, table))
     return block
 

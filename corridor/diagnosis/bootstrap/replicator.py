@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from corridor.core.adjustment import LOSSES, ImageRows, LinearSystem, Loss, refuse_distances
+from corridor.core.adjustment import LOSSES, ImageRows, LinearSystem, Loss
 from corridor.core.effects import Context, every_effect
 from corridor.core.errors import InputError
 from corridor.core.geometry import (
@@ -210,7 +210,6 @@ class Replicator:
 
     def __init__(self, adjustment: Adjustment):
         system = adjustment.system
-        refuse_distances(system.block)
         if len(system.problem.skewed):
             raise InputError(
                 "a counterpart takes x and y of an image point as equally good and independent: "
@@ -229,6 +228,7 @@ class Replicator:
             system.columns.shared_prior,
             given[self.check_rows],
             system.posed.given,
+            system.distance.given,
         )
         self.check_sigma = system.block.ground_sigma()[self.check_rows]
         system = system.measuring(sigma=np.where(self.held_out, np.inf, self.sigma))
@@ -238,8 +238,9 @@ class Replicator:
         self.measured = self.measured._replace(check=self.measured.check - self.check_moved)
         check = state.points[self.check_points] - self.measured.check
         self.fit = Fit(
-            state, left.pixels, left.gnss, left.control, check, self.system.posed.residual
-        )
+            state, left.pixels, left.gnss, self.system.control.residual, check,
+            self.system.posed.residual, self.system.distance.residual,
+        )  # fmt: skip
         self.fits = LinearFits(
             self.system,
             self.measured,
@@ -264,10 +265,11 @@ class Replicator:
         if len(self.fit.gnss):
             usual = noise.tie_sigma if ties.any() else 1.0
             noise = replace(noise, gnss=antenna_noise(self.system, usual))
-        control_sigma = self.system.control.sigma
+        control_sigma = self.system.control.sigma[: len(self.system.control_rows)]
+        c = len(control_sigma)
         pulls = [
             _sum_of_squares(scaled[marks]),
-            _sum_of_squares(self.fit.control / control_sigma) if len(control_sigma) else 0.0,
+            _sum_of_squares(self.fit.control[:c] / control_sigma) if c else 0.0,
         ]
         trials = int(np.clip(TIES_OF_A_TRIAL // max(int(ties.sum()), 1), 1, 6))
         for trial in range(TRIALS):
@@ -280,7 +282,7 @@ class Replicator:
                 squares.append(
                     [
                         _sum_of_squares(again[marks]),
-                        _sum_of_squares(fit.control / control_sigma) if len(control_sigma) else 0.0,
+                        _sum_of_squares(fit.control[:c] / control_sigma) if c else 0.0,
                     ]
                 )
             if ties.any():
@@ -305,13 +307,14 @@ class Replicator:
             drawn.control - given.control + fit.control,
             fit.state.points[self.check_points] - drawn.check,
             drawn.posed - given.posed + fit.posed,
+            drawn.distance - given.distance + fit.distance,
         )
 
     def draw(self, rng: np.random.Generator, noise: EstimatedNoise | None = None) -> Measured:
         """All measurements anew: what the believed model says, and noise."""
         noise = noise or self.noise
         fit, given = self.fit, self.measured
-        tie, mark, gnss, control, check, prior, attitude = rng.spawn(7)
+        tie, mark, gnss, control, check, prior, attitude, distance = rng.spawn(8)
         xy = np.empty_like(fit.pixels)
         xy[self.is_tie] = noise.draw_tie(int(self.is_tie.sum()), tie)
         marks = ~self.is_tie
@@ -320,6 +323,8 @@ class Replicator:
         xy += given.xy - fit.pixels
         antenna = np.zeros((0, 3)) if noise.gnss is None else noise.gnss.draw(gnss).reshape(-1, 3)
         ground = noise.control * self.system.control.sigma
+        # That the ends of distances are their points is no measurement.
+        ground[len(self.system.control_rows) :] = 0.0
         of_check = noise.control * self.check_sigma
         columns = self.system.columns
         weight = columns.prior_weight[columns.shared_at]
@@ -340,6 +345,9 @@ class Replicator:
             posed=given.posed
             - fit.posed
             + self.system.posed.sigma * attitude.standard_normal(fit.posed.shape),
+            distance=given.distance
+            - fit.distance
+            + self.system.distance.sigma * distance.standard_normal(fit.distance.shape),
         )
 
 

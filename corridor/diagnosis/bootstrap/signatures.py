@@ -39,12 +39,14 @@ class Signatures:
         system = replace(replicator.system, loss=Loss())
         effects = _missing_effects(system)
         tested = system.testing(effects)
-        p, posed = tested.problem, tested.posed
+        p = tested.problem
         self._design = Design(tested, kept=2 * len(p.img) * (p.d + p.wide) < KEPT)
         self._limit, self._weight = (
             np.repeat(of_each, 2)[:, None] for of_each in (limit, self._design.weight)
         )
-        self._of_posed = posed.jacobian.T * posed.sigma.ravel() ** -2.0
+        self._of_posed, self._of_distance = (
+            rows.jacobian.T * rows.sigma.ravel() ** -2.0 for rows in (tested.posed, tested.distance)
+        )
         self._priors = tested.right_of_priors[:, None]
         groups = make_groups(tested.columns, len(tested.control_names), effects, {})
         e = take_apart(tested, groups)
@@ -59,7 +61,7 @@ class Signatures:
         self._turns: list[tuple[np.ndarray, np.ndarray]] = []
         for group in groups:
             at = group.columns[size[group.columns] > 0]
-            name = group.slug if group.point is None else f"{group.slug} {group.point}"
+            name = group.slug if group.single is None else f"{group.slug} {group.single}"
             if not len(at):
                 continue
             own = size[at]
@@ -77,12 +79,13 @@ class Signatures:
         With its sign where an effect has one direction, else the length over all of them. The
         state is that of the replicator's own fit for all of them.
         """
-        gnss, control, posed = (
+        gnss, control, posed, distance = (
             np.stack([getattr(fit, of).ravel() for fit in fits], axis=1)
-            for of in ("gnss", "control", "posed")
+            for of in ("gnss", "control", "posed", "distance")
         )
         right = self._design.right(Sets([fit.pixels.ravel() for fit in fits], control, self._cut))
-        g = self._elimination.scores(right + self._of_posed @ posed + self._priors, gnss)
+        right += self._of_posed @ posed + self._of_distance @ distance
+        g = self._elimination.scores(right + self._priors, gnss)
         each = [turn @ g[at] for at, turn in self._turns]
         rows = [row[0] if len(row) == 1 else np.linalg.norm(row, axis=0) for row in each]
         return np.array(rows).reshape(len(rows), len(fits)).T
@@ -98,7 +101,10 @@ class Signatures:
 def _missing_effects(system: LinearSystem) -> list[Effect]:
     """Physical effects that images share, the model lacks and the block could show."""
     block, controls = system.block, len(system.control_names)
-    counts = {"camera": len(block.cameras), "flight": len(block.flight_names), "point": controls}
+    counts = {
+        "camera": len(block.cameras), "flight": len(block.flight_names), "point": controls,
+        "distance": len(system.problem.distance_rows),
+    }  # fmt: skip
     out = []
     for effect in every_effect():
         if effect.generic or effect.group == "image" or effect.missing(block):
@@ -107,7 +113,7 @@ def _missing_effects(system: LinearSystem) -> list[Effect]:
             continue
         if effect.place == "antenna" and not len(system.gnss.names):
             continue
-        if effect.place == "ground" and not controls:
+        if counts.get(effect.group, 1) == 0 or (effect.place == "ground" and not controls):
             continue
         if counts.get(effect.group, 1) <= MOST_GROUPS:
             out.append(effect)

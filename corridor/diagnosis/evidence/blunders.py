@@ -1,4 +1,4 @@
-"""Errors of single ground control points, sought before anything else may explain them.
+"""Errors of single control points and distances, sought before anything else may explain them.
 
 Each point is held against what all others, the GNSS and the images say of it, in its height and
 in its plan apart; then what is left once the worst is out; then pairs, which hide each other. With
@@ -28,6 +28,8 @@ from corridor.diagnosis.system.elimination import Reduced
 from corridor.diagnosis.system.groups import Group
 
 HEIGHT, PLAN = ("z",), ("x", "y")
+# What one hypothesis takes for wrong of a control point, and of a measured distance.
+_PARTS = {"point": (HEIGHT, PLAN), "distance": (("error",),)}
 
 
 @dataclass(frozen=True)
@@ -57,23 +59,22 @@ class Blunders:
 
 
 def blunders(evidence: Evidence) -> Blunders:
-    """Control points that contradict everything else, and other points that could be wrong instead.
+    """Control points and distances that contradict everything else, and others that could be wrong
+    instead.
 
     The level holds for all hypotheses of one size together.
     """
-    points = [
-        n
+    asked = [
+        (n, part)
         for n, group in enumerate(evidence.groups)
-        if group.point is not None and not group.known and len(group) == 3
+        if group.single is not None and not group.known
+        for part in _PARTS[group.effect.group]
+        if len(group) == sum(map(len, _PARTS[group.effect.group]))
     ]
-    if not points:
+    if not asked:
         return Blunders()
-    singles = [_tested(evidence, [(n, part)]) for n in points for part in (HEIGHT, PLAN)]
-    pairs = [
-        _tested(evidence, [(a, part), (b, part)])
-        for part in (HEIGHT, PLAN)
-        for a, b in combinations(points, 2)
-    ]
+    singles = [_tested(evidence, [one]) for one in asked]
+    pairs = [_tested(evidence, pair) for pair in combinations(asked, 2) if pair[0][1] == pair[1][1]]
     found = _worst(singles, ())
     if found is None:
         found = _worst(pairs, ())
@@ -115,7 +116,9 @@ def stands(evidence: Evidence, wrong: Wrong, beside: Mapping[int, float]) -> boo
         [evidence.groups[n].columns[_rows(evidence, n, part)] for n, part in wrong.of_point.items()]
     )
     statistic, _ = _chi_square(evidence.beside(beside), at)
-    count = 2 * sum(group.point is not None for group in evidence.groups)
+    count = sum(
+        len(_PARTS[group.effect.group]) for group in evidence.groups if group.single is not None
+    )
     return bool(chdtrc(len(at), statistic) * count < SETTINGS.control_level)
 
 
@@ -125,18 +128,20 @@ def price(groups: list[Group], chosen: Iterable[int]) -> float:
     One or two wrong ones are what the test is for. Each of more is one accident more, of the rate
     at which points are wrong, where a single cause may have moved what lies together.
     """
-    count = sum(groups[n].point is not None for n in chosen)
+    count = sum(groups[n].single is not None for n in chosen)
     usual = np.log(SETTINGS.wrong_control / (1.0 - SETTINGS.wrong_control))
     return count * float(usual - SETTINGS.log_prior_ground) if count > 2 else 0.0
 
 
 def listed_points(groups: list[Group], hypotheses: Iterable[Wrong]) -> str:
-    """GCP02 and GCP05 in height, or GCP15 in plan."""
-    return ", or ".join(
-        f"{' and '.join(str(groups[n].point) for n in one.points)} in "
-        f"{'height' if one.parts[0] == HEIGHT else 'plan'}"
-        for one in hypotheses
-    )
+    """GCP02 and GCP05 in height, or GCP15 in plan, or distance A to B."""
+    where = {HEIGHT: " in height", PLAN: " in plan"}
+    out = []
+    for one in hypotheses:
+        names = " and ".join(str(groups[n].single) for n in one.points)
+        what = where.get(one.parts[0])
+        out.append(f"distance {names}" if what is None else names + what)
+    return ", or ".join(out)
 
 
 def explains_all(evidence: Evidence, wrong: Wrong) -> bool:
@@ -145,7 +150,7 @@ def explains_all(evidence: Evidence, wrong: Wrong) -> bool:
     Of the coordinates P of all points g_P' M_PP^-1 g_P is chi square of its rank; less what the
     wrong ones take of it, of as many degrees less.
     """
-    at = np.concatenate([g.columns for g in evidence.groups if g.point is not None])
+    at = np.concatenate([g.columns for g in evidence.groups if g.single is not None])
     statistic, rank = _chi_square(evidence.reduced, at)
     free = rank - sum(len(part) for part in wrong.parts)
     left = statistic - wrong.statistic

@@ -349,7 +349,7 @@ class Evidence:
             inside = base.M[np.ix_(group.columns, group.columns)] / phi
             mine = base.g[group.columns] / phi
             gain = gain_of(group, inside, mine)
-            out[n] = gain if group.point is None else _of_a_point(group, inside, mine, gain)
+            out[n] = gain if group.single is None else _of_a_point(group, inside, mine, gain)
         if not spread and only is None:
             self._gains[key] = out
         return out

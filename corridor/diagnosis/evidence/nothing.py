@@ -104,7 +104,7 @@ def by_run(system: LinearSystem, errors: Sets) -> Sets:
     first = np.zeros(len(system.points.names), dtype=np.int64)
     first[rows.point[::-1]] = run[rows.image[::-1]]
     index = {name: n for n, name in enumerate(system.points.names)}
-    of_control = np.array([first[index[name]] for name in system.control_names], dtype=np.int64)
+    of_control = np.array([first[index[name]] for name in system.control.names], dtype=np.int64)
     numbers = np.arange(int(run.max()) + 1)
     mine = np.repeat(of_control, 3)[:, None] == numbers
     image = [np.where(of_row == n, errors.image[0], 0.0) for n in numbers]
@@ -112,7 +112,7 @@ def by_run(system: LinearSystem, errors: Sets) -> Sets:
 
 
 def of_antenna(elimination: Elimination, draws: int, rng: np.random.Generator) -> np.ndarray:
-    """What noise of the GNSS, and the lens, contribute to the scores of the core (c, draws)."""
+    """What noise of GNSS, distances and lens contributes to the scores of the core (c, draws)."""
     e, noise = elimination.equations, elimination.noise
     # A lens of the size that it has: what its prior expects of it is off by as much.
     priors = rng.standard_normal((len(elimination.sizes), draws)) / elimination.sizes[:, None]
@@ -120,7 +120,10 @@ def of_antenna(elimination: Elimination, draws: int, rng: np.random.Generator) -
         moved = e.stated[:, None] * rng.standard_normal((len(e.stated), draws))
     else:
         moved = noise.draw(rng, draws)
-    return elimination.scores(np.zeros((len(e.system.columns), draws)), moved, priors)
+    # Distances have no image either.
+    rows = e.system.distance
+    errors = rng.standard_normal((len(rows.sigma), draws)) / rows.sigma
+    return elimination.scores(rows.jacobian.T @ errors, moved, priors)
 
 
 def runs(system: LinearSystem) -> np.ndarray:

@@ -157,6 +157,7 @@ def drawn(adjustment: Adjustment, equations: Equations) -> list[np.ndarray]:
         gnss=system.gnss.given - system.gnss.residual,
         control=system.control.given - system.control.residual,
         prior=system.columns.shared_value,
+        distance=system.distance.given - system.distance.residual,
     )
     size = np.where(np.isfinite(sigma), sigma, 0.0)[:, None]
     for _ in range(SETTINGS.cluster_draws):
@@ -202,7 +203,7 @@ def inflation_of_scores(
     Source: Burnham and Anderson 2002, 2.5 (the factor is that of a model that fits).
     """
     groups = evidence.groups
-    there = [n for n in model if groups[n].point is None]
+    there = [n for n in model if groups[n].single is None]
     beside = {n: SETTINGS.free_size for n in there if groups[n].own is None}
     out = _of_shared(influence, evidence, beside)
     for n in there:
@@ -211,7 +212,7 @@ def inflation_of_scores(
     asked = [n for n in there if out[n] > 0.0]
     for n in np.flatnonzero(out == 0.0):
         alike = [out[k] for k in asked if _alike(groups[k], groups[n])]
-        out[n] = float(np.median(alike)) if alike and groups[n].point is None else 1.0
+        out[n] = float(np.median(alike)) if alike and groups[n].single is None else 1.0
     return out
 
 

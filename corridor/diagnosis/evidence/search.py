@@ -155,7 +155,7 @@ def _named(evidence, chosen):
         names = [
             k
             for k, group in enumerate(evidence.groups)
-            if not group.generic and group.own is None and group.point is None and k not in rest
+            if not group.generic and group.own is None and group.single is None and k not in rest
         ]
         best = max(names, key=lambda k: gains[k].evidence, default=None)
         if best is None:

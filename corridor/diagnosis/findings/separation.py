@@ -26,14 +26,16 @@ def not_separated(one: Round, findings: Findings) -> list[dict]:
     """
     evidence, chosen = one.evidence, one.found.chosen
     free = evidence.freed(evidence.of_core(chosen))
-    named = [n for n in free if not evidence.groups[n].generic and evidence.groups[n].point is None]
+    named = [
+        n for n in free if not evidence.groups[n].generic and evidence.groups[n].single is None
+    ]
     if not named:
         return []
     told = {(each.slug, other) for each in findings.effects for other in each.alternatives}
     alone = evidence.solution(free, each_image=False)[1]
     out = []
     for m, other in enumerate(evidence.groups):
-        if m in chosen or other.generic or other.own is not None or other.point is not None:
+        if m in chosen or other.generic or other.own is not None or other.single is not None:
             continue
         if other.known or other.key in evidence.barred:
             continue

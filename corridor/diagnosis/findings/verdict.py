@@ -194,9 +194,9 @@ def rows_of(group: Group, owner: str, value, sigma, formal) -> list[dict]:
 
 
 def _where(group: Group, owner: str, cameras: int) -> dict:
-    """What one estimate of a group is of: a point, a flight, a camera where there are several."""
-    if group.point is not None:
-        return {"point": group.point}
+    """What one estimate of a group is of: a point, a distance, a flight, one of several cameras."""
+    if group.single is not None:
+        return {group.effect.group: group.single}
     kind = group.effect.group
     return {kind: owner} if kind == "flight" or (kind == "camera" and cameras > 1) else {}
 

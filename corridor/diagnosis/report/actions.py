@@ -40,20 +40,29 @@ def _corrected(d: Diagnosed) -> list[str]:
 
 
 def _surveyed(d: Diagnosed) -> list[str]:
-    """Single ground points that are wrong."""
-    points = [
-        str(one.where["point"])
-        for one in d.findings.effects
-        if one.kind == "named" and "point" in one.where
-    ]
+    """Single ground points and distances that are wrong."""
+    points, distances = (
+        [
+            str(one.where[kind])
+            for one in d.findings.effects
+            if one.kind == "named" and kind in one.where
+        ]
+        for kind in ("point", "distance")
+    )
+    out = []
+    if distances:
+        out.append(
+            f"Measure the distance {listed(distances)} again; until then take the row out of "
+            "distances.csv and adjust without it"
+        )
     if not points:
-        return []
+        return out
     system = d.before.system
     names = system.block.ground["point"].to_numpy(object)[system.roles == "control"]
     others = ",".join(str(name) for name in names if str(name) not in points)
     command = f"corridor adjust BLOCK --control {others or 'none'} -o OUT2"
     again = f"Look up or survey control {listed(points)} again"
-    return [f"{again}; until then adjust without, `{command}`"]
+    return [f"{again}; until then adjust without, `{command}`", *out]
 
 
 def _added(d: Diagnosed) -> list[str]:

@@ -260,7 +260,7 @@ def _told(d: Diagnosed, estimates: list[Estimate]) -> list[tuple[str, str]]:
         if len(mine) == 1:
             out.append((placed(known[slug].called, mine[0].where), _values(mine[0])))
             continue
-        if "point" in mine[0].where:
+        if {"point", "distance"} & set(mine[0].where):
             out += [(placed(known[slug].called, one.where), _values(one)) for one in mine]
             continue
         parts = []

@@ -201,7 +201,7 @@ def evidence(d: Diagnosed) -> pd.DataFrame:
     for n, group in enumerate(last.evidence.groups):
         there = n in last.found.chosen
         with_others = last.found.evidence[n] if there else beside[n].evidence
-        where = {} if group.point is None else {"point": group.point}
+        where = {} if group.single is None else {group.effect.group: group.single}
         row = (
             upper(placed(known[group.slug].called, where)), group.generic, there,
             float(alone[n].evidence), float(with_others),

@@ -61,8 +61,11 @@ def effects_by_slug(block: Block | None = None) -> dict[str, Effect]:
 
 
 def placed(called: str, where: dict) -> str:
-    """An effect of one control point, flight or camera: "... of control point P7"."""
-    words = {"point": "control point", "flight": "flight", "camera": "camera"}
+    """An effect of one control point, distance, flight or camera: "... of control point P7"."""
+    words = {
+        "point": "control point", "distance": "measured distance", "flight": "flight",
+        "camera": "camera",
+    }  # fmt: skip
     for key, word in words.items():
         if key not in where:
             continue

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csc_array, csr_array, diags_array, hstack, vstack
 
-from corridor.core.adjustment import Adjustment, LinearSystem
+from corridor.core.adjustment import Adjustment, LinearSystem, open_motions
 from corridor.core.brief import brief
 from corridor.core.effects import Effect
 from corridor.diagnosis.noise.image import Scales, pseudo_residuals
@@ -49,8 +49,8 @@ class Equations:
     -> of two of them, i < j.
     owner (n,): position of the image to which each of the poses and nuisance belongs, -1 of what
     images share. first (n,), at (c,), own_at: numbers of the poses and nuisance, of the core, and
-    of the blocks, among the system's columns, and unit of all of these. free_motions: (n, 7) of a
-    block that nothing holds, else None. kept: by those who solve these equations.
+    of the blocks, among the system's columns, and unit of all of these. free_motions: (n, 7 or
+    fewer) of a block that nothing holds, else None. kept: by those who solve these equations.
     """
 
     system: LinearSystem
@@ -193,6 +193,7 @@ def take_apart(system: LinearSystem, groups: list[Group]) -> Equations:
     images = np.arange(len(columns.images))
     each = [np.repeat(images, at.shape[1]) for at in rest]
     nothing_holds = not len(system.gnss.names) and len(system.control_names) < 3
+    free = system.motions[first][:, open_motions(system.problem)]
     out = Equations(
         system=system,
         matrix=csc_array(hstack([*map(whole, rest), csc_array(dense(first, nuisance))])),
@@ -223,7 +224,7 @@ def take_apart(system: LinearSystem, groups: list[Group]) -> Equations:
         at=core,
         own_at=[at.ravel() for at in blocks],
         unit=unit,
-        free_motions=system.motions[first] if nothing_holds else None,
+        free_motions=free if nothing_holds else None,
     )
     # Of thousands of images it weighs too much to be there twice.
     system.let_go()

@@ -15,16 +15,20 @@ from corridor.core.adjustment import Columns
 from corridor.core.effects import Effect
 from corridor.diagnosis.settings import SETTINGS
 
+# Groups of values of which one at a time may be wrong, each a measurement of its own.
+SINGLE = ("point", "distance")
+
 
 @dataclass
 class Group:
     """Columns that are tested together.
 
-    key: the slug, and for one control point `slug.point`. own: None where the columns lie in the
-    core; else the number of the block of per-image columns. columns: (p,) in there. scale: (p,)
-    prior standard deviations of the parameters. labels: (p,) of (name of group, parameter, unit).
-    mean: (p,) prior mean in standard deviations. known: the prior comes from the user. most: (p,)
-    sizes beyond which the cause is another one, None of values for each image.
+    key: the slug, and for one control point or distance, `single`, with its name: `slug.name`.
+    own: None where the columns lie in the core; else the number of the block of per-image columns.
+    columns: (p,) in there. scale: (p,) prior standard deviations of the parameters. labels: (p,) of
+    (name of group, parameter, unit). mean: (p,) prior mean in standard deviations. known: the prior
+    comes from the user. most: (p,) sizes beyond which the cause is another one, None of values for
+    each image.
     """
 
     key: str
@@ -34,7 +38,7 @@ class Group:
     scale: np.ndarray
     labels: list[tuple[str, str, str]]
     log_prior: float = 0.0
-    point: str | None = None
+    single: str | None = None
     mean: np.ndarray | None = None
     known: bool = False
     most: np.ndarray | None = None
@@ -100,12 +104,13 @@ def make_groups(
             continue
         entries = [(n, u.group, u.at[1]) for n, u in enumerate(shared) if u.owner == effect.slug]
         names = dict.fromkeys(name for _, name, _ in entries)
-        single = effect.group == "point" and not effect.generic
+        single = effect.group in SINGLE and not effect.generic
         for part in names if single else [None] * bool(entries):
             mine = [entry for entry in entries if part is None or entry[1] == part]
             labels = [(name, parameters[k].name, parameters[k].unit) for _, name, k in mine]
             key = effect.slug if part is None else f"{effect.slug}.{part}"
-            log_prior = -np.log(controls) if part is not None else 0.0
+            of = controls if effect.place == "ground" else len(names)
+            log_prior = -np.log(of) if part is not None else 0.0
             scale = np.array([parameters[k].scale for *_, k in mine])
             at = np.array([column for column, *_ in mine])
             most = np.array([parameters[k].most for *_, k in mine])
@@ -113,7 +118,7 @@ def make_groups(
     for group in out:
         group.log_prior += (
             SETTINGS.log_prior_generic * group.generic
-            + SETTINGS.log_prior_ground * (group.effect.place == "ground")
+            + SETTINGS.log_prior_ground * (group.effect.place in ("ground", "distance"))
         )
         _with_prior(group, priors)
     return out
@@ -138,12 +143,12 @@ def _with_prior(group: Group, priors: Mapping) -> None:
             group.scale[k] = first[k]
 
 
-class OfPoints(Effect):
-    """An effect of ground points, for some of them only."""
+class OfSome(Effect):
+    """An effect of ground points, or distances, for some of them only."""
 
-    def __init__(self, effect: Effect, points: list[str]):
+    def __init__(self, effect: Effect, names: list[str]):
         super().__init__(effect.group)
-        self.inner, self.points = effect, set(points)
+        self.inner, self.names = effect, set(names)
         for name in Effect.__annotations__:
             setattr(self, name, getattr(effect, name))
 
@@ -151,12 +156,12 @@ class OfPoints(Effect):
         return self.inner.parameters(block)
 
     def shift(self, context, values):
-        """As of the effect; nothing moves the other points."""
-        mine = np.array([name in self.points for name in context.point], dtype=float)
+        """As of the effect; nothing moves the others."""
+        mine = np.array([name in self.names for name in context.names], dtype=float)
         shift, derivative = self.inner.shift(context, values)
         return shift * mine[:, None], derivative * mine[:, None, None]
 
 
-def with_points(effect: Effect, points: list[str]) -> Effect:
-    """The effect, for these points where it is one of ground points."""
-    return OfPoints(effect, points) if effect.group == "point" and points else effect
+def of_some(effect: Effect, names: list[str]) -> Effect:
+    """The effect, for these points or distances where it is one of those."""
+    return OfSome(effect, names) if effect.group in SINGLE and names else effect

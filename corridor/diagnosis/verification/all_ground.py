@@ -73,7 +73,7 @@ class AllGround:
         if self.wrong.found is None:
             return []
         groups, every = self.evidence.groups, [self.wrong.found, *self.wrong.alike]
-        mine = [w for w in every if any(groups[n].point in control for n in w.points)]
+        mine = [w for w in every if any(groups[n].single in control for n in w.points)]
         if not mine:
             return []
         out = self._estimates(mine[0], control)
@@ -92,10 +92,10 @@ class AllGround:
         out = []
         for n in chosen:
             group = view.groups[n]
-            if group.point in control:
+            if group.single in control:
                 value, error = theta[n] * group.scale, covariance[n].diagonal() ** 0.5 * group.scale
-                rows = rows_of(group, group.point, value, error, error)
-                where = {"point": group.point}
+                rows = rows_of(group, group.single, value, error, error)
+                where = {"point": group.single}
                 out.append(Estimate(group.slug, "named", each[n], rows, where=where, key=group.key))
         return out
 

@@ -170,7 +170,8 @@ class Verification:
         without them the GNSS alone may know the heights worse.
         """
         check, wrong = self._now.check_points, self._last.wrong
-        of_points = {g.key: g for g in self._groups if g.point is not None}
+        single = {g.key: g for g in self._groups if g.single is not None}
+        of_points = {key: g for key, g in single.items() if g.effect.place == "ground"}
         asked = bool(of_points) and len(check) > 0
         if asked and not wrong.alike:
             asked = contradicted(check_misfit(self._now), 3 * len(check))
@@ -178,7 +179,7 @@ class Verification:
             return
         told = listed_points(self._groups, wrong.alike[: SETTINGS.most_rivals])
         for one in self.findings.effects if told else ():
-            if one.key in of_points:
+            if one.key in single:
                 one.or_instead(told)
 
     def _told_by_all(self, of_points: dict[str, Group]) -> bool:
@@ -197,7 +198,7 @@ class Verification:
             f"Control and check points contradict each other, which {points} being wrong explains: "
             "the error of check points afterwards is no longer independent."
         )
-        new = told.estimates({str(g.point) for g in of_points.values()})
+        new = told.estimates({str(g.single) for g in of_points.values()})
         if not new:
             return False
         keys = [*rest, *(one.key for one in new)]
@@ -453,7 +454,7 @@ class Verification:
             if bare is None:
                 continue
             # Points that all ground was asked for are no group of the last round.
-            doubtful = bent and key in groups and groups[key].point is not None
+            doubtful = bent and key in groups and groups[key].single is not None
             if harms(bare, self._now) or (
                 doubtful and len(bare.check_points) and self._now.check_rms.d3 > bare.check_rms.d3
             ):

@@ -10,7 +10,7 @@ import numpy as np
 
 from corridor.core import adjustment, simulation
 from corridor.core.adjustment import Adjustment, Model
-from corridor.core.block import Block, read, without_distances
+from corridor.core.block import Block, read
 from corridor.core.effects import find
 from corridor.core.errors import InputError
 from corridor.core.options import options
@@ -83,8 +83,7 @@ def change(
     them does not converge.
     """
     given = (before, after)
-    read_ones = [one.start if isinstance(one, Adjustment) else read(one) for one in given]
-    blocks, unused = zip(*map(without_distances, read_ones), strict=True)
+    blocks = tuple(one.start if isinstance(one, Adjustment) else read(one) for one in given)
     check_blocks(*blocks)
     run = _Run(model or Model(), asked, threads, telling(progress), blocks)
     # Laid together on what stands still, dates may have other coordinates.
@@ -95,10 +94,8 @@ def change(
     mistaken = [] if surveys is None else surveys.mistaken
     run.without_control(mistaken)
     adjusted = tuple(
-        one
-        if isinstance(one, Adjustment) and not (mistaken or left_out)
-        else run.adjust(block, name)
-        for one, block, name, left_out in zip(given, blocks, _DATES, unused, strict=True)
+        one if isinstance(one, Adjustment) and not mistaken else run.adjust(block, name)
+        for one, block, name in zip(given, blocks, _DATES, strict=True)
     )
     for one in adjusted:
         if not one.converged:
@@ -108,7 +105,6 @@ def change(
     check_datum(*adjusted, asked.datum)
     compared = run.apart(adjusted)
     gained, notes = None, [] if surveys is None else list(surveys.notes())
-    notes += dict.fromkeys(sum(unused, []))
     if asked.together:
         run.stable = _stable_names(compared, asked.stable)
         notes.append(_told(run.stable, asked.same_camera))

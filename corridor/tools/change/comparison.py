@@ -186,7 +186,7 @@ def usual_datum(adjusted: Iterable[Adjustment]) -> str:
     """`stable` where an epoch hangs on GNSS of metres alone, and floats by as much; else
     `stated`."""
     for one in adjusted:
-        alone = not len(one.system.control.names) and one.system.held is None
+        alone = not len(one.system.control_names) and one.system.held is None
         if alone and gnss_of_metres(one.start):
             return "stable"
     return "stated"

@@ -17,7 +17,8 @@ from corridor.core.errors import InputError
 from corridor.core.output import counted
 from corridor.tools.change.epoch import AFTER, BEFORE
 
-_TABLES = ("images", "tie_points", "points", "marks", "ground", "gnss", "rates", "track")
+_TABLES = ("images", "tie_points", "points", "marks", "ground", "gnss", "rates", "track",
+           "distances")  # fmt: skip
 
 
 def joined(before: Block, after: Block, stable: Iterable[str], same_camera: bool = False) -> Block:
@@ -81,6 +82,9 @@ def _renamed(block: Block, prefix: str, stable: set[str], same_camera: bool) -> 
     for table, names in shared.items():
         rows = getattr(out, table)
         rows["point"] = dated(rows["point"], names)
+    # Ends are marks of one name in both dates, or tie points of one.
+    for end in ("from", "to") if len(out.distances) else ():
+        out.distances[end] = dated(out.distances[end], stable & measured)
     arms = dict(block.lever_arm)
     if "default" in arms:
         arms = dict.fromkeys(block.flight_names, arms.pop("default")) | arms

@@ -141,10 +141,15 @@ def export_project(
     sentences += [
         f"{form} holds no {said}" for has, said in target.LOSSES.items() if _HAS[has](exported)
     ]
-    if len(exported.distances):
+    lost = len(exported.distances)
+    if getattr(target, "DISTANCES", False):
+        shown = set(exported.marks["point"].astype(str)) | set(exported.ground["point"].astype(str))
+        there = [exported.distances[end].astype(str).isin(shown) for end in ("from", "to")]
+        lost -= int((there[0] & there[1]).sum())
+    if lost:
         sentences.append(
-            f"lost: the {counted(len(exported.distances), 'row')} of distances.csv; enter them in "
-            "the other program as scale bars"
+            f"lost: {counted(lost, 'row')} of distances.csv; enter them in the other program as "
+            "scale bars between markers"
         )
     if rigs_of(exported) and not getattr(target, "RIGS", False):
         sentences.append(f"lost: the rigs {', '.join(rigs_of(exported))}; each image is on its own")

@@ -330,6 +330,7 @@ class Contents:
     points: tuple[Sequence[str] | pd.Index, np.ndarray] | None = None
     ground: pd.DataFrame | None = None
     gnss: pd.DataFrame | None = None
+    distances: pd.DataFrame | None = None
     sigma: dict[str, float] = field(default_factory=dict)
     local: Local | None = None
     offset: np.ndarray | None = None
@@ -362,6 +363,7 @@ class Contents:
             points=self.points and points_table(*self.points),
             ground=self.ground,
             gnss=self.gnss,
+            distances=self.distances,
             sigma=self.sigma,
             offset=np.zeros(3) if self.offset is None else self.offset,
             crs=self.crs,

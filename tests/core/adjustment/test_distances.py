@@ -9,9 +9,12 @@ from dense_jacobian import jacobian
 from strips import corridor_block
 
 import corridor
-from corridor.core.adjustment import make_problem
+from corridor.core.adjustment import Model, make_problem
 from corridor.core.adjustment.distances import END, ENDS
 from corridor.core.errors import InputError
+from corridor.diagnosis.bootstrap.replicate_block import counterpart
+from corridor.diagnosis.bootstrap.replicator import Replicator
+from corridor.tools.change.together import joined
 
 
 def flown(seed=1, free=True, bars=3, noise=True, sigma=0.002, **options):
@@ -189,13 +192,88 @@ class TestFiles:
             assert {row[0], row[1]} <= measured
 
 
-class TestWhoDoesNotUseThem:
-    def test_the_diagnosis_leaves_them_out_and_says_so(self):
-        block = flown(free=False)
-        found = corridor.diagnose(block, only="gnss_bias", camera="fixed", lever_arm="fixed")
-        assert any("distances.csv is not used here" in note for note in found.notes)
+class TestWrongDistances:
+    def test_the_error_of_one_is_what_an_adjustment_without_it_misses(self):
+        block = flown(free=False, sigma=0.02)
+        wrong = block.copy()
+        wrong.distances.loc[1, "distance"] += 0.3
+        found = corridor.adjust(wrong, camera="f,k1", effects=["distance_blunder"])
+        row = found.effects.iloc[1]
+        # Beside an error of its own a distance says nothing.
+        alone = corridor.adjust(wrong.with_(distances=None), camera="f,k1")
+        ends = wrong.distances.iloc[1]
+        at = alone.block.points.set_index("point").loc[[ends["from"], ends["to"]]]
+        length = np.linalg.norm(np.diff(at[["x", "y", "z"]].to_numpy(float), axis=0))
+        assert row["value"] == pytest.approx(ends["distance"] - length, abs=1e-4)
 
-    def test_counterparts_of_a_block_with_distances_are_refused(self):
-        adjusted = corridor.adjust(flown(free=False), camera="fixed")
-        with pytest.raises(InputError, match="distances.csv"):
-            corridor.core.registry.room("diagnosis").counterparts(adjusted, count=19)
+    @pytest.mark.parametrize("free", [True, False])
+    def test_a_diagnosis_names_a_wrong_one_with_its_value(self, free):
+        block = flown(free=free, bars=6, sigma=0.02)
+        block.distances.loc[2, "distance"] += 0.2
+        only = ["distance_blunder", "distance_scale", "rolling_shutter", "control_blunder"]
+        (found,) = corridor.diagnose(block, camera="f,k1", only=only).findings.effects
+        name = f"{block.distances['from'][2]} to {block.distances['to'][2]}"
+        assert (found.slug, found.kind, found.where) == (
+            "distance_blunder", "named", {"distance": name},
+        )  # fmt: skip
+        (error,) = found.parameters
+        assert abs(error["value"] - 0.2) < 4 * error["sigma"] < 0.12
+
+    def test_a_common_scale_is_told_where_control_knows_another(self):
+        block = flown(free=False, bars=6, sigma=0.02)
+        block = corridor.core.effects.add(block, {"distance_scale": {"scale": 2e4}})
+        only = ["distance_blunder", "distance_scale", "rolling_shutter", "control_blunder"]
+        (found,) = corridor.diagnose(block, camera="f,k1", only=only).findings.effects
+        assert found.slug == "distance_scale"
+        assert abs(found.parameters[0]["value"] - 2e4) < 4 * found.parameters[0]["sigma"]
+
+
+class TestCounterparts:
+    def test_they_draw_distances_with_their_sigma(self):
+        adjusted = corridor.adjust(flown(bars=6, sigma=0.02), camera="f,k1")
+        replicator = Replicator(adjusted)
+        model = replicator.measured.distance - replicator.fit.distance
+        rng = np.random.default_rng(0)
+        drawn = np.stack([replicator.draw(rng).distance - model for _ in range(100)])
+        # 600 numbers: their scatter is known to 3 %.
+        assert drawn.std() == pytest.approx(0.02, rel=0.12)
+        assert np.abs(drawn.mean(axis=0)).max() < 4 * 0.02 / 10
+
+    def test_fits_of_them_are_those_of_the_adjustment(self):
+        """A distance 3 mm longer leaves what the adjustment of such a block leaves."""
+        block = flown(bars=6, sigma=0.02)
+        replicator = Replicator(corridor.adjust(block, camera="f,k1"))
+        more = replicator.measured
+        more = more._replace(distance=more.distance + 0.003 * np.eye(6)[:, [2]])
+        (fit,) = replicator.fits([more])
+        system = replicator.system.measuring(distance=more.distance)
+        again = system.at(system.step()).distance.residual
+        assert fit.distance == pytest.approx(again, abs=1e-6)
+
+    def test_a_counterpart_is_a_block_with_distances_of_its_own(self):
+        adjusted = corridor.adjust(flown(bars=6, sigma=0.02), camera="f,k1")
+        made = counterpart(adjusted, seed=1)
+        off = made.distances["distance"] - adjusted.start.distances["distance"]
+        assert 0.002 < np.abs(off).max() < 0.2
+        assert corridor.adjust(made, camera="f,k1").converged
+
+
+class TestTwoDates:
+    def test_each_date_has_its_own(self):
+        """A bar of one name in both is measured twice: each date has the scale of its own."""
+        before, after = (flown(free=False, bars=6, sigma=0.02, seed=1) for _ in range(2))
+        after.distances["distance"] += 0.001
+        found = corridor.change(before, after, model=Model(camera="fixed"), surface=False)
+        one, other = (adjusted.distances for adjusted in found.compared.adjustments)
+        assert len(one) == len(other) == 6
+        assert other["given"].to_numpy() == pytest.approx(one["given"].to_numpy() + 0.001)
+        # What starts as the points do is no control of both dates.
+        names = {name for table in (one, other) for name in (*table["from"], *table["to"])}
+        assert not names & set(found.compared.joint.common_control)
+        assert not any("distances.csv" in note for note in found.notes)
+
+    def test_adjusted_together_they_keep_their_ends(self):
+        before, after = (flown(free=False, bars=3, seed=1) for _ in range(2))
+        both = joined(before, after, [])
+        assert len(both.distances) == 6
+        assert set(both.distances["from"]) <= set(both.points["point"].astype(str))

@@ -51,6 +51,12 @@ def flown(**options):
     # Measured by an IMU whose boresight is known: no effect comes with its attitudes.
     block.extra["attitudes"] = {"calibrated": True}
     block.attitudes = block.images[["image", "qw", "qx", "qy", "qz"]].copy()
+    # Bars between neighbours of a list of points that many images show.
+    rays = block.tie_points["point"].value_counts()
+    names = sorted(rays.index[rays >= 4].astype(str))[:12]
+    at = block.points.set_index("point").loc[names, ["x", "y", "z"]].to_numpy(float)
+    length = np.linalg.norm(at[1:] - at[:-1], axis=1)
+    block.distances = pd.DataFrame({"from": names[:-1], "to": names[1:], "distance": length})
     block.check()
     return block
 
@@ -173,6 +179,9 @@ def context_of(effect, block):
         control = block.ground[block.ground["role"] == "control"]
         given = control[["x", "y", "z"]].to_numpy(float)
         return Context(images, point=list(control["point"]), position=given)
+    if effect.place == "distance":
+        rows = np.arange(len(block.distances))
+        return Context(images, distance=rows, length=block.column("distances", "distance"))
     image, pixel = block.image_rows("tie_points")[::10], predict(block).tie[::10]
     if effect.place == "motion":
         axis, factor, offset = images.row_of[image].T
@@ -327,6 +336,7 @@ class TestEveryEffect:
                 "ground",
                 "camera",
                 "effect",
+                "distances",
             )
             assert table in tables and column
         assert find(effect.slug).slug == effect.slug
@@ -359,9 +369,10 @@ def same_tables(a, b, tolerance):
         ("gnss", ["x", "y", "z"]),
         ("ground", ["x", "y", "z"]),
         ("attitudes", ["qw", "qx", "qy", "qz"]),
+        ("distances", ["distance"]),
     ):
         one, other = (getattr(block, table)[columns].to_numpy(float) for block in (a, b))
-        if np.abs(one - other).max() > tolerance:
+        if np.abs(one - other).max(initial=0.0) > tolerance:
             return False
     return True
 

@@ -373,3 +373,16 @@ def test_there_and_back_again_changes_nothing(crs):
 def test_a_system_in_feet_is_no_system_of_a_block():
     with pytest.raises(InputError, match="foot"):
         complete(placed(), Additions(crs="EPSG:2225"))
+
+
+def test_a_table_that_excel_saved_in_its_code_page(tmp_path):
+    """The line that is named stands far behind where the file was read in one piece."""
+    path = tmp_path / "control.txt"
+    rows = [f"P{k},{k}.5,2,3" for k in range(3000)]
+    path.write_bytes("\n".join(["name,x,y,z", *rows, "Mühle,7,8,9"]).encode("cp1252"))
+    with pytest.warns(UserWarning, match=r"line 3002: .* \('Mühle'\)"):
+        points = read_text(path).table
+    assert points["point"].iloc[-1] == "Mühle"
+    path.write_bytes("\n".join(["name,x,y,z", *rows, "Точка,7,8,9"]).encode("cp1251"))
+    with pytest.raises(InputError, match="line 3002: the text is not UTF-8"):
+        read_text(path)

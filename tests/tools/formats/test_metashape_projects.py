@@ -6,6 +6,7 @@ import zipfile
 from xml.etree import ElementTree
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from corridor.core.errors import InputError
@@ -211,12 +212,43 @@ def test_disabled_cameras_are_left_out_and_told(exported, tmp_path):
     assert any("disabled cameras were left out" in note for note in project.notes)
 
 
-def test_scale_bars_that_are_not_read_are_told(exported, tmp_path):
+def _bar(bars, ends, enabled="true", what="marker_id", **reference):
+    bar = ElementTree.SubElement(bars, "scalebar", id=str(len(bars)), label="as a person likes")
+    for end in ends:
+        ElementTree.SubElement(bar, "endpoint", {what: end})
+    ElementTree.SubElement(bar, "reference", reference, enabled=enabled)
+
+
+def test_scale_bars_become_distances(exported, tmp_path):
+    """Ends by the numbers of markers, in groups too; their own accuracy, else that of the chunk."""
     root, chunk = _merged(exported[0])
+    number = {part.get("label"): part.get("id") for part in chunk.findall("markers/marker")}
+    (one, first), (two, second), (three, third) = list(number.items())[:3]
     bars = ElementTree.SubElement(chunk, "scalebars")
-    ElementTree.SubElement(bars, "scalebar", id="0", label="GCP0_GCP1")
+    _bar(bars, (first, second), d="12.5")
+    _bar(ElementTree.SubElement(bars, "group", id="0"), (second, third), d="3.25", sd="0.0004")
+    _bar(bars, (first, third), d="9", enabled="false")
+    _bar(bars, (first, third))
+    _bar(bars, ("0", "1"), what="camera_id", d="1.2")
+    settings = ElementTree.SubElement(chunk, "settings")
+    ElementTree.SubElement(settings, "property", name="accuracy_scalebars", value="0.002")
     project = read_project(_written(root, tmp_path / "cameras.xml"))
-    assert any("scale bars are not read (1)" in note for note in project.notes)
+    rows = sorted(project.block.distances.itertuples(index=False, name=None))
+    assert rows == sorted([(one, two, 12.5, 0.002), (two, three, 3.25, 0.0004)])
+    said = " ".join(project.notes)
+    assert "2 scale bars without a length, or switched off" in said
+    assert "1 scale bar not between two markers" in said
+
+
+def test_distances_between_markers_are_written_as_scale_bars(exported, tmp_path):
+    block = exported[1]
+    names = block.ground["point"].tolist()
+    table = {"from": [names[0], "T1"], "to": [names[1], names[2]], "distance": [7.5, 3.0]}
+    bars = pd.DataFrame(table | {"sigma": [0.001, np.nan]})
+    told = export_project(block.with_(distances=bars), "metashape", tmp_path / "out")
+    assert "lost: 1 row of distances.csv" in str(told)
+    again = read_project(tmp_path / "out").block.distances
+    assert again.itertuples(index=False, name=None).__next__() == (*names[:2], 7.5, 0.001)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ class Fit:
     """One adjustment: its state and residuals, measured minus modelled, in the problem's order.
 
     pixels (n, 2) px, gnss (k, 3) m, control (c, 3) m; check (c, 3): adjusted minus given, m;
-    posed (a, 3): of `system.posed`.
+    posed (a, 3): of `system.posed`; distance (b, 1): of `system.distance`.
     """
 
     state: object
@@ -23,6 +23,7 @@ class Fit:
     control: np.ndarray
     check: np.ndarray
     posed: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
+    distance: np.ndarray = field(default_factory=lambda: np.zeros((0, 1)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,7 +61,8 @@ class SummaryStatistics:
         if len(system.gnss.names):
             yield from gnss_forms(replicator, self.missing)
         if len(system.control_rows):
-            yield from ground_forms(system, "control", system.control_rows, lambda r: r.fit.control)
+            rows = system.control_rows
+            yield from ground_forms(system, "control", rows, lambda r: r.fit.control[: len(rows)])
         if len(replicator.check_rows):
             yield from ground_forms(system, "check", replicator.check_rows, lambda r: r.fit.check)
         self._signatures = found = Signatures(replicator, self._limits.image)

@@ -6,7 +6,8 @@ a module like these.
 A format has NAME, TITLE, `recognise(path)`, `read(path, size)`; one that writes has WRITES (the
 names it is exported by), HOLDS (the camera it holds), LOSSES (what else it cannot hold, and where
 that went instead, by what a block has: the names of `exporting`) and `write(block, folder, name)`;
-GRIDS = False where its coordinates are never those of a grid.
+GRIDS = False where its coordinates are never those of a grid, DISTANCES = True where it has scale
+bars between markers.
 """
 
 import importlib

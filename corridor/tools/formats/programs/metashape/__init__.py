@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 from corridor.core.camera import MODELS
 from corridor.core.errors import InputError, some
 from corridor.core.gnss import GEOCENTRIC, GEOGRAPHIC, Local, convert, height_unit, known_crs
+from corridor.core.output import counted
 from corridor.core.textfile import Xml, opening
 from corridor.tools.formats.cameras import (
     Held,
@@ -55,6 +56,7 @@ _RADIUS = {
     "frame": np.tan, "fisheye": np.positive, "equidistant_fisheye": np.positive,
     "equisolid_fisheye": lambda theta: 2.0 * np.sin(theta / 2.0),
 }  # fmt: skip
+DISTANCES = True
 LOSSES = {
     "tie points": "tie points: Metashape takes none from XML, only markers",
     "GNSS": "lever arms: the references are the camera centres that GNSS gives",
@@ -99,7 +101,7 @@ class _Chunk:
     Cameras by name and sensors by label or number: two exports may number them differently.
     projections: marker number -> (camera name, element). sensor_of: camera name -> sensor.
     masters: camera name -> name of the master in its rig. off: names of disabled cameras.
-    sigma: defaults of the block that the chunk states.
+    sigma: defaults of the block that the chunk states; bar_m: that of its scale bars.
     """
 
     sensors: dict[str, Xml] = field(default_factory=dict)
@@ -114,6 +116,8 @@ class _Chunk:
     crs: str | None = None
     marker_crs: str | None = None
     sigma: dict[str, float] = field(default_factory=dict)
+    bars: list[Xml] = field(default_factory=list)
+    bar_m: float = np.nan
     notes: list[str] = field(default_factory=list)
 
     def add(self, element: Xml) -> dict[str, str]:
@@ -123,11 +127,7 @@ class _Chunk:
         """
         here = {}
         bars = element.all("scalebars/scalebar") + element.all("scalebars/group/scalebar")
-        if bars:
-            self.notes.append(
-                f"scale bars are not read ({len(bars)}): write them into distances.csv of the "
-                "block (from, to, distance), which `corridor adjust` uses"
-            )
+        self.bars = self.bars or bars
         for part in element.all("sensors/sensor"):
             number = part.get("id", "")
             key = part.get("label") or f"sensor {number}"
@@ -177,6 +177,8 @@ class _Chunk:
             value = part.number("value") if key else None
             if value is not None and value > 0:
                 self.sigma.setdefault(key, value)
+            if part.get("name") == "accuracy_scalebars":
+                self.bar_m = part.number("value", np.nan)
         return names
 
 
@@ -500,6 +502,7 @@ def _project(chunk, cloud, path, notes, warnings):
         marks=_marks(chunk, labels, called, notes),
         ground=_ground(chunk, world, called) if placed else None,
         gnss=_gnss(labels, reference, measured, have, notes),
+        distances=_distances(chunk, called, notes),
         local=world.local,
         description=_UNSCALED if free else "",
         sigma=chunk.sigma,
@@ -715,6 +718,34 @@ def _ground(chunk, world, called):
         found.sigma[rows],
         np.where(found.enabled[rows], "control", "check"),
     )
+
+
+def _distances(chunk, called, notes):
+    """distances.csv of the scale bars; None without any.
+
+    A bar has two ends, of which markers alone have a place in distances.csv, and a reference with
+    its length d and, where it is not that of the chunk, standard deviation sd, m.
+    """
+    rows, off, other = [], 0, 0
+    for part in chunk.bars:
+        ends = [called.get(end.get("marker_id", "")) for end in part.all("endpoint")]
+        stated = part.find("reference")
+        length = stated and stated.number("d", stated.number("distance"))
+        if not (length and length > 0 and _is_on(stated, "enabled") and _is_on(part, "enabled")):
+            off += 1
+        elif len(ends) != 2 or None in ends or ends[0] == ends[1]:
+            other += 1
+        else:
+            sigma = stated.number("sd", stated.number("accuracy", chunk.bar_m))
+            rows.append((*ends, length, sigma if sigma > 0 else np.nan))
+    if off:
+        notes.append(f"{counted(off, 'scale bar')} without a length, or switched off: left out")
+    if other:
+        notes.append(
+            f"{counted(other, 'scale bar')} not between two markers (of cameras, say): left out; "
+            "distances.csv is of marked points"
+        )
+    return pd.DataFrame(rows, columns=["from", "to", "distance", "sigma"]) if rows else None
 
 
 def _marks(chunk, labels, called, notes):

@@ -141,6 +141,18 @@ def _markers_xml(block, frame):
         element = add_xml(markers, "marker", id=str(k), label=name)
         if k < len(ground):
             frame.reference(element, places[k], sigmas[k], ground["role"].iloc[k] == "control")
+    if len(block.distances):
+        bars = add_xml(chunk, "scalebars", next_id=str(len(block.distances)), next_group_id="0")
+        sigma = block.column("distances", "sigma")
+        for k, (one, other, length) in enumerate(
+            block.distances[["from", "to", "distance"]].itertuples(index=False)
+        ):
+            if {one, other} <= set(names):
+                bar = add_xml(bars, "scalebar", id=str(k), label=f"{one}_{other}")
+                for end in (one, other):
+                    add_xml(bar, "endpoint", marker_id=str(names.index(end)))
+                known = {"sd": float(sigma[k])} if np.isfinite(sigma[k]) else {}
+                add_xml(bar, "reference", d=float(length), **known, enabled="true")
     frames = add_xml(chunk, "frames", next_id="1")
     found = add_xml(add_xml(frames, "frame", id="0"), "markers")
     image = block.image_rows("marks")
