@@ -3,6 +3,7 @@
 import unicodedata
 from collections import Counter
 from collections.abc import Callable, Iterable
+from pathlib import Path
 
 import pandas as pd
 
@@ -76,3 +77,11 @@ class Names:
             f"({next(iter(pairs))} is {next(iter(pairs.values()))}): matched"
             for differs, pairs in self._matched.items()
         ]
+
+
+def in_any_case(path: Path) -> Path:
+    """A path, or where there is none the file of its folder with that name in another case."""
+    if path.exists() or not path.parent.is_dir():
+        return path
+    files = sorted(path.parent.iterdir())
+    return next((file for file in files if file.name.lower() == path.name.lower()), path)

@@ -267,3 +267,17 @@ def test_exponents_of_fortran_are_read(projects, tmp_path):
 def test_a_block_in_a_grid_of_feet_is_told():
     made = replace(block(), crs="EPSG:2263", offset=np.array([984_250.0, 190_000.0, 0.0]))
     assert any("counts in US survey foot" in told for told in plausibility_warnings(made))
+
+
+@pytest.mark.parametrize("form", ["colmap", "pix4d"])
+def test_files_in_capitals_are_the_same_files(form, projects, tmp_path):
+    """As a card, or a share of another system, hands them on."""
+    home = _copied(projects[form], tmp_path)
+    plain = read_project(home)
+    for file in [file for file in home.rglob("*") if file.is_file()]:
+        file.rename(file.with_name(file.name.upper()))
+    again = read_project(home)
+    assert again.form == form
+    assert again.block.images.equals(plain.block.images)
+    assert len(again.block.tie_points) == len(plain.block.tie_points) > 0
+    assert again.block.ground.equals(plain.block.ground)

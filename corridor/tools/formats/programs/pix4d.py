@@ -29,7 +29,7 @@ from corridor.core.geometry import (
 from corridor.core.gnss import known_crs
 from corridor.core.textfile import Line, filled, opening
 from corridor.tools.formats.cameras import camera_from, in_the_middle, shared
-from corridor.tools.formats.names import Names
+from corridor.tools.formats.names import Names, in_any_case
 from corridor.tools.formats.programs.bingo import image_blocks
 from corridor.tools.formats.project import (
     Contents,
@@ -57,19 +57,21 @@ def recognise(path: Path) -> bool:
         return head.startswith("fileName imageWidth imageHeight") or head.startswith(
             "imageName X Y Z Omega Phi Kappa"
         )
-    return any(path.glob(f"*{_MAIN}")) or any((path / "params").glob(f"*{_MAIN}"))
+    return any(_find(folder, _MAIN) for folder in (path, in_any_case(path / "params")))
 
 
 def _find(folder, *endings):
-    found = [file for ending in endings for file in sorted(folder.glob(f"*{ending}"))]
+    files = sorted(folder.iterdir()) if folder.is_dir() else []
+    found = [file for end in endings for file in files if file.name.lower().endswith(end)]
     return found[0] if found else None
 
 
 def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     """The project of a folder. Raises InputError naming file and line."""
     folder = path if path.is_dir() else path.parent
-    if path.is_dir() and not any(path.glob(f"*{_MAIN}")) and (path / "params").is_dir():
-        folder = path / "params"
+    params = in_any_case(path / "params")
+    if path.is_dir() and not _find(path, _MAIN) and params.is_dir():
+        folder = params
     main = path if path.is_file() else _find(folder, _MAIN)
     if main is None:
         raise InputError(f"{folder} has no ..._{_MAIN}; name Pix4D's folder params")
@@ -79,37 +81,43 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
             f"{main.name} holds poses without a camera; put ..._{_MAIN} of the same project beside "
             "it and name the folder"
         )
-    prefix = main.name[: -len(_MAIN)] if main.name.endswith(_MAIN) else ""
+    prefix = main.name[: -len(_MAIN)] if main.name.lower().endswith(_MAIN) else ""
+
+    def beside(name: str) -> Path:
+        return in_any_case(folder / f"{prefix}{name}")
+
     notes: list[str] = []
     warnings: list[str] = []
     shots = _shots(main)
-    offset = _offset(folder / f"{prefix}offset.xyz", notes)
+    offset = _offset(beside("offset.xyz"), notes)
     names = [shot.name for shot in shots]
     cameras, used = shared([shot.interior for shot in shots], "camera_{}".format, _camera)
     centre, rotation = (
         np.array([getattr(shot, key) for shot in shots]) for key in ("centre", "rotation")
     )
-    external = folder / f"{prefix}{_EXTERNAL}"
+    external = beside(_EXTERNAL)
     if external.is_file():
         _compare(names, centre + offset, rotation, external, warnings)
     bingo = _find(folder, "tp_bingo.txt", "bingo.txt")
-    errors = folder / f"{prefix}{_EXTERNAL[:-4]}_error.txt"
+    errors = beside(f"{_EXTERNAL[:-4]}_error.txt")
     project = Contents(
-        name=folder.resolve().name if folder.name != "params" else folder.resolve().parent.name,
+        name=folder.resolve().name
+        if folder.name.lower() != "params"
+        else folder.resolve().parent.name,
         cameras=cameras,
         images=names,
         used=used,
         centre=centre,
         rotation=rotation,
         ties=None if bingo is None else _bingo(bingo, names, used, cameras, notes),
-        ground=_ground(folder / f"{prefix}measured_estimated_gcps_position.txt", offset),
+        ground=_ground(beside("measured_estimated_gcps_position.txt"), offset),
         gnss=_gnss(errors, names, offset, notes),
         offset=offset,
-        crs=_crs(folder / f"{prefix}wkt.prj"),
+        crs=_crs(beside("wkt.prj")),
         notes=notes,
         warnings=warnings,
     ).project(NAME, main)
-    rig = folder / f"{prefix}calibrated_rig_parameters.txt"
+    rig = beside("calibrated_rig_parameters.txt")
     return _with_rig(project, rig, _numbers(errors)) if rig.is_file() else project
 
 

@@ -19,6 +19,7 @@ from corridor.core.block import Block
 from corridor.core.errors import InputError
 from corridor.tools.formats.cameras import NoModel, where_known
 from corridor.tools.formats.columns import grouped, numbered
+from corridor.tools.formats.names import in_any_case
 from corridor.tools.formats.programs.colmap import records
 from corridor.tools.formats.programs.colmap.cameras import (
     BY_NUMBER,
@@ -57,22 +58,25 @@ _FILES = ("cameras", "images", "points3D")
 def recognise(path: Path) -> bool:
     """A folder with the files of a model, or one of them."""
     folder = path if path.is_dir() else path.parent
-    if path.is_file() and path.stem not in (*_FILES, "rigs", "frames"):
+    stems = [stem.lower() for stem in (*_FILES, "rigs", "frames")]
+    if path.is_file() and path.stem.lower() not in stems:
         return False
-    return any((folder / f"images{end}").is_file() for end in (".bin", ".txt")) and any(
-        (folder / f"cameras{end}").is_file() for end in (".bin", ".txt")
-    )
+    return _has(folder, "images") and _has(folder, "cameras")
+
+
+def _has(folder: Path, stem: str) -> bool:
+    return any(in_any_case(folder / f"{stem}{end}").is_file() for end in (".bin", ".txt"))
 
 
 def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     """The project of a model's folder. Raises InputError naming file, line or byte."""
     folder = path if path.is_dir() else path.parent
     for inner in (".", "sparse", "sparse/0"):
-        if any((folder / inner / f"images{end}").is_file() for end in (".bin", ".txt")):
+        if _has(folder / inner, "images"):
             folder = folder / inner
             break
-    binary = (folder / "images.bin").is_file()
-    if not binary and not (folder / "images.txt").is_file():
+    binary = in_any_case(folder / "images.bin").is_file()
+    if not binary and not _has(folder, "images"):
         raise InputError(f"{folder} has neither images.bin nor images.txt; name a COLMAP model")
     project = _Model(folder, binary).project()
     if binary and (folder / "images.txt").is_file():
@@ -126,7 +130,7 @@ class _Model:
         self.cameras = self._cameras()
         self._images()
         self.point_ids, self.point_places, self.tracked = self._file("points3D").points()
-        with_frames = (folder / f"frames{'.bin' if binary else '.txt'}").is_file()
+        with_frames = in_any_case(folder / f"frames{'.bin' if binary else '.txt'}").is_file()
         self.rigs = self._rigs() if with_frames else {}
         self.frames = self._frames() if with_frames else []
 

@@ -9,6 +9,7 @@ import pandas as pd
 from corridor.core.block import ROLES, Block
 from corridor.core.errors import InputError
 from corridor.core.textfile import lines
+from corridor.tools.formats.names import in_any_case
 
 _FILE = "ground_points.csv"
 _NEEDED = ("POINT3D_ID", "point", "x", "y", "z", "role")
@@ -31,7 +32,7 @@ def read_ground(folder: Path) -> pd.DataFrame | None:
 
     Raises InputError where it is damaged: without it ground points would become tie points.
     """
-    path = folder / _FILE
+    path = in_any_case(folder / _FILE)
     if not path.is_file():
         return None
     head, _, text = "".join(f"{line.text}\n" for line in lines(path)).partition("\n")

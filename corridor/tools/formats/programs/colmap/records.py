@@ -27,6 +27,7 @@ from corridor.tools.formats.columns import (
     text_of,
     write_rows,
 )
+from corridor.tools.formats.names import in_any_case
 from corridor.tools.formats.programs.colmap.cameras import BY_NUMBER, MODELS
 
 # Kind and name of each field. m, s: a word in text, a number (i) in binary; d: a float64.
@@ -69,7 +70,7 @@ class BinaryFile:
     """A .bin file, a record after another; it says where it ends too early."""
 
     def __init__(self, folder: Path, stem: str, warnings: list[str]):
-        self.path, self._at, self.place = folder / f"{stem}.bin", 0, ""
+        self.path, self._at, self.place = in_any_case(folder / f"{stem}.bin"), 0, ""
         self._kind = stem.rstrip("s").replace("points3D", "point")
         try:
             self._data = self.path.read_bytes()
@@ -158,7 +159,7 @@ class TextFile:
     """A .txt file, a record a line; the counts that its comments promise are compared."""
 
     def __init__(self, folder: Path, stem: str, warnings: list[str]):
-        self.path, self._warnings = folder / f"{stem}.txt", warnings
+        self.path, self._warnings = in_any_case(folder / f"{stem}.txt"), warnings
         self._lines = lines(self.path)
         self._line, self._words, self._at = Line(self.path, 1, ""), [], 0
 
