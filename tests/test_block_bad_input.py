@@ -251,7 +251,7 @@ def test_a_table_both_as_csv_and_parquet(folder):
 def test_text_of_a_western_code_page_is_read_and_told(folder):
     text = FILES["images.csv"].replace("cloudy", "wolkig in Köln")
     (folder / "images.csv").write_bytes(text.encode("cp1252"))
-    with pytest.warns(UserWarning, match=r"images.csv, line 2: .* Windows-1252 \('Köln'\)"):
+    with pytest.warns(RuntimeWarning, match=r"images.csv, line 2: .* Windows-1252 \('Köln'\)"):
         block = read(folder)
     assert "wolkig in Köln" in block.images.to_string()
 

@@ -28,7 +28,11 @@ class FetchFailed(WorkFailed):
     """A file cannot be had from its source, or is not the one that is known."""
 
 
-class SlowerWarning(RuntimeWarning):
+class CorridorWarning(RuntimeWarning):
+    """What a call does in another way than one may think: one sentence, also at the prompt."""
+
+
+class SlowerWarning(CorridorWarning):
     """The results are the same but take longer: one sentence says why and what to install."""
 
 

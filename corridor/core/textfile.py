@@ -22,7 +22,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from corridor.core.errors import InputError
+from corridor.core.errors import CorridorWarning, InputError
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 # 1.5D+03, as programs in Fortran print it.
@@ -215,6 +215,7 @@ def lines(path: Path, size: int = 0, passed: int = 0) -> Iterator[Line]:
                                 f"{path.name}, line {at}: the text is not UTF-8 and was read as "
                                 f"Windows-1252 ({word[:40]!r}); where names come out wrong, save "
                                 "the file as UTF-8",
+                                CorridorWarning,
                                 stacklevel=2,
                             )
                         told = True

@@ -21,7 +21,7 @@ from types import ModuleType
 
 from corridor.core import __version__, registry
 from corridor.core.command.options import add, warn
-from corridor.core.errors import InputError, SlowerWarning, WorkFailed
+from corridor.core.errors import CorridorWarning, InputError, WorkFailed
 from corridor.interface.cli._help import Parser
 from corridor.interface.cli._streams import unread
 
@@ -99,7 +99,7 @@ def _told(otherwise: Callable[..., None]) -> Callable[..., None]:
     """Warnings as they are shown: of ours the sentence, of others where they come from as well."""
 
     def show(message, category, *place, **more) -> None:
-        if issubclass(category, SlowerWarning):
+        if issubclass(category, CorridorWarning):
             warn([str(message)])
         else:
             otherwise(message, category, *place, **more)

@@ -329,11 +329,11 @@ def test_djis_time_marks_in_the_folder_are_taken_for_times_and_positions(real_da
     assert sigma == pytest.approx([east, north, up])
 
 
-@pytest.mark.parametrize("form", ["colmap", "metashape", "opensfm", "micmac", "bundler"])
+@pytest.mark.parametrize("form", ["colmap", "opensfm", "micmac", "bundler"])
 def test_an_export_says_that_distances_stay_behind(form, tmp_path):
     block = exact_block()
     names = block.ground["point"]
     table = {"from": names[:1], "to": names[1:2].to_numpy(), "distance": 10.0}
     block = block.with_(distances=pd.DataFrame(table))
     made = export_project(block, form, tmp_path / form, lossy=True)
-    assert any("the 1 row of distances.csv" in told for told in made.sentences)
+    assert any("1 row of distances.csv" in told for told in made.sentences)
