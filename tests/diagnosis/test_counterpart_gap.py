@@ -63,11 +63,12 @@ class TestBand:
         assert not compared.leaving and compared.gap == 0.0
 
 
-# What a flight without attitudes and rigs can show; test_attitudes and test_rigs have the others.
+# What a flight without attitudes, rigs and distances can show; the tests of these have the others.
 PLAIN = [
     effect.slug
     for effect in every_effect()
-    if not effect.generic and not {"attitudes.image", "rig.member"} & set(effect.needs)
+    if not effect.generic
+    and not {"attitudes.image", "rig.member", "distances.distance"} & set(effect.needs)
 ]
 
 
