@@ -16,7 +16,7 @@ from corridor.core.simulation import ORDINARY_NOISE
 from corridor.interface.figures import error_maps, image_shift
 
 PLAN = Path(__file__).with_name("effect_flight.toml")
-# For effects of cameras that hang together.
+# For effects of cameras that hang together, and of distances.
 OF_A_RIG = Path(__file__).with_name("effect_rig.toml")
 # Places whose shifts a person would rather read than see in a picture.
 WHERE = {
@@ -26,6 +26,7 @@ WHERE = {
     "antenna": "the antenna positions of GNSS",
     "attitude": "the measured attitudes",
     "ground": "the given coordinates of control points",
+    "distance": "the measured distances",
 }
 
 
@@ -149,7 +150,8 @@ def pictures(effect, block, values, folder):
             "",
         ]
     else:
-        out += ["In the pictures nothing moves: given coordinates do.", ""]
+        what = "distances" if effect.place == "distance" else "coordinates"
+        out += [f"In the pictures nothing moves: given {what} do.", ""]
     measured = add(block, values)
     try:
         adjusted = corridor.adjust(measured, max_iterations=200)
