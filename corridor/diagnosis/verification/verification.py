@@ -19,7 +19,7 @@ from corridor.diagnosis.evidence.blunders import listed_points
 from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.profile_likelihood import beyond_noise
 from corridor.diagnosis.evidence.scores import as_spread
-from corridor.diagnosis.evidence.search import Found
+from corridor.diagnosis.evidence.search import Found, tuned
 from corridor.diagnosis.findings.findings import Findings, Unknown
 from corridor.diagnosis.findings.location import locate
 from corridor.diagnosis.findings.verdict import in_place_of, kind_of, shapes
@@ -399,22 +399,23 @@ class Verification:
     def _drop_lonely(self) -> None:
         """Say no effect for sure that the data speak for only beside what did not stand."""
         last, numbers = self._last, self._last.evidence.number
-        left = {n: k for n, k in last.found.chosen.items() if self._groups[n].key in self.used}
-        if len(left) == len(last.found.chosen):
+        # The lens is in the equations of that round; what took the place of another counts for it.
+        lens = None if last.lens is None else last.lens.group.key
+        at = [numbers[key] for key in self.used if key in numbers and key != lens]
+        was = last.found.chosen
+        gone = [self._groups[n].key for n in was if n not in at]
+        if not gone:
             return
+        left = {n: was.get(n, 1.0) for n in at}
+        left = tuned(last.evidence, left) if left.keys() - was.keys() else left
         found = Found.of(last.evidence, left, last.found.kept & left.keys())
         found = as_spread(last.evidence, beyond_noise(last.noises, found, -np.inf), -np.inf)
         alone = replace(last, found=found)
         for one in self.findings.effects:
             n = numbers.get(one.key)
             if n in left and one.kind != "suspected" and kind_of(alone, n) == "suspected":
-                gone = [
-                    g.key
-                    for k, g in enumerate(self._groups)
-                    if k in last.found.chosen.keys() - left
-                ]
                 self.notes.append(
-                    f"{one.key} explains what was measured beside {' and '.join(gone)}, and hardly "
+                    f"{one.key} explains what was measured beside {', '.join(gone)}, and hardly "
                     "anything without: it is not taken for sure, and not added."
                 )
                 one.kind = "suspected"
