@@ -251,8 +251,9 @@ def _without_motion(block: Block, chosen: Candidates) -> list[str]:
     if not gone:
         return []
     chosen.effects = [effect for effect in chosen.effects if effect not in gone]
-    names = ", ".join(sorted(effect.slug for effect in gone))
-    names += " is" if len(gone) == 1 else " are"
+    names = ", ".join(sorted(effect.slug for effect in gone)) + (
+        " is" if len(gone) == 1 else " are"
+    )
     if at_once:
         return [
             f"block.toml states that all rows are read at once (readout_s = 0): {names} not tested."

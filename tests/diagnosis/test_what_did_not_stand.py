@@ -13,8 +13,11 @@ from corridor.diagnosis.verification.verification import Verification
 KEYS = ("shape", "arm", "other")
 
 
-def verification(used, alone):
-    """Of a round that found a shape and an arm; alone: evidence of the arm without the shape."""
+def verification(used, alone, by_checks=()):
+    """Of a round that found a shape and an arm; alone: evidence of the arm without the shape.
+
+    by_checks: what check points told, which that round did not ask.
+    """
 
     def given(chosen, spread=False, only=None):
         there = 9.0 if 0 in chosen or 2 in chosen else alone
@@ -41,6 +44,7 @@ def verification(used, alone):
     )
     out = Verification.__new__(Verification)
     out._last, out._groups, out.used, out.notes = last, groups, list(used), []
+    out._by_checks = set(by_checks)
     out.findings = Findings([Estimate("arm", "named", 9.0, [], key="arm")], [])
     return out
 
@@ -65,3 +69,11 @@ def test_what_was_found_beside_a_shape_is_asked_without_it(used, alone, kind):
     asked._drop_lonely()
     assert asked.findings.effects[0].kind == kind
     assert bool(asked.notes) == (kind == "suspected")
+
+
+def test_what_check_points_told_is_not_asked_of_a_round_without_them():
+    """Two blunders that hide each other are found as a third, in place of which they stand."""
+    asked = verification(["arm"], 1.0, by_checks=["arm"])
+    asked._drop_lonely()
+    assert asked.findings.effects[0].kind == "named"
+    assert not asked.notes

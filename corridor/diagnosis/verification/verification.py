@@ -71,6 +71,7 @@ class Verification:
         self._believed, self._course, self._last = believed, course, course.last
         self._groups = course.last.evidence.groups
         self._fitted: dict[frozenset[str], Adjustment] = {}
+        self._by_checks: set[str] = set()  # What check points told, which no round has asked.
         self._block, self._held = believed.block, pd.MultiIndex.from_arrays([[], []])
         few = len(self._block.tie_points) <= SETTINGS.fewest_ties
         if not few:
@@ -207,6 +208,7 @@ class Verification:
         self.findings = replace(self.findings, effects=[*new, *kept])
         if fit is not None and fit.check_rms.d3 < self._now.check_rms.d3:
             self._go_on(keys, fit)
+        self._by_checks = {one.key for one in new}
         return True
 
     def _prove_images(self) -> None:
@@ -267,8 +269,7 @@ class Verification:
         for cameras in (block.cameras, across):
             turned = replace(block, cameras=cameras)
             try:
-                members = self._course.members(others)
-                fit = self._believed.adjust(members, turned, near=True, after=bare)
+                fit = self._believed.adjust(self._course.members(others), turned, True, bare)
             except (InputError, AdjustmentFailed):
                 return 0.0
             e = equations(fit, [group.effect], self._believed.priors_of([group.effect]))
@@ -411,7 +412,7 @@ class Verification:
         found = Found.of(last.evidence, left, last.found.kept & left.keys())
         found = as_spread(last.evidence, beyond_noise(last.noises, found, -np.inf), -np.inf)
         alone = replace(last, found=found)
-        for one in self.findings.effects:
+        for one in [one for one in self.findings.effects if one.key not in self._by_checks]:
             n = numbers.get(one.key)
             if n in left and one.kind != "suspected" and kind_of(alone, n) == "suspected":
                 self.notes.append(
