@@ -122,12 +122,11 @@ class Course:
     @property
     def idle(self) -> list[str]:
         """A sentence on each shape that the last round found and that does nothing."""
-        called = {effect.slug: effect.called for effect in self.candidates.effects}
         return [
-            f"Residuals are correlated as in {called[key]}; it neither moves the ground nor "
+            f"Residuals are correlated as in {effect.called}; it neither moves the ground nor "
             "changes the residuals enough to matter, and is not a finding."
-            for key in self.last.log["idle"]
-        ]
+            for effect in self.candidates.effects if effect.slug in self.last.log["idle"]
+        ]  # fmt: skip
 
     @property
     def last(self) -> Round:
@@ -251,9 +250,8 @@ def _without_motion(block: Block, chosen: Candidates) -> list[str]:
     if not gone:
         return []
     chosen.effects = [effect for effect in chosen.effects if effect not in gone]
-    names = ", ".join(sorted(effect.slug for effect in gone)) + (
-        " is" if len(gone) == 1 else " are"
-    )
+    names = ", ".join(sorted(effect.slug for effect in gone))
+    names += " is" if len(gone) == 1 else " are"
     if at_once:
         return [
             f"block.toml states that all rows are read at once (readout_s = 0): {names} not tested."
