@@ -4,7 +4,6 @@ The one reader of EXIF and XMP; it knows no block. A new source is a module besi
 `maker_note`, asked by `metadata`.
 """
 
-from corridor.core.photographs.focal import StatedFocal, stated_focal
 from corridor.core.photographs.metadata import (
     SUFFIXES,
     Metadata,
@@ -29,7 +28,6 @@ __all__ = [
     "GlobalShutter",
     "Metadata",
     "PublishedReadout",
-    "StatedFocal",
     "Taken",
     "compared",
     "fault",
@@ -39,5 +37,4 @@ __all__ = [
     "photographs_in",
     "published_readouts",
     "read_metadata",
-    "stated_focal",
 ]

@@ -18,7 +18,8 @@ from corridor.core.block import Block, files_of, read
 from corridor.core.brief import brief
 from corridor.core.effects import Effect, find
 from corridor.core.errors import InputError
-from corridor.core.output import Report, Table, embedded, page_with, pdf, plain, whole_files
+from corridor.core.output import Report, Table, page_with, plain, whole_files
+from corridor.tools.certificate.paper import embedded, pdf
 from corridor.tools.certificate.statement import Statement, Subject
 
 MARK = "corridor-certificate:"

@@ -20,7 +20,6 @@ from corridor.core.photographs import (
     photographs_in,
     published_readouts,
     read_metadata,
-    stated_focal,
 )
 from corridor.core.preparation import (
     AGREES,
@@ -34,6 +33,7 @@ from corridor.core.preparation import (
     velocity_warnings,
 )
 from corridor.tools.formats.control import moved_by
+from corridor.tools.formats.focal import stated_focal
 from corridor.tools.formats.ground import in_frame
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.project import Project

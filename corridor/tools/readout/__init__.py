@@ -6,7 +6,7 @@ print(corridor.readout.readout_from_flight("my_block"))
 """
 
 from corridor.core.photographs import published_readouts
-from corridor.core.preparation import Velocities, rates_from_gyro, rates_from_neighbours, velocities
+from corridor.core.preparation import Velocities, rates_from_neighbours, velocities
 from corridor.core.registry import offered
 from corridor.tools.readout import render
 from corridor.tools.readout.bar import measure_bar
@@ -14,6 +14,7 @@ from corridor.tools.readout.examples import EXAMPLES, write_examples
 from corridor.tools.readout.flight import readout_from_flight
 from corridor.tools.readout.flight_folder import can_save_flight, save_flight
 from corridor.tools.readout.flight_report import FlightReadout, published_value, use
+from corridor.tools.readout.gyroscope import rates_from_gyro
 from corridor.tools.readout.led import measure_led
 from corridor.tools.readout.photograph import CannotMeasure, Photograph
 from corridor.tools.readout.result import Readout, can_save_readout, save_readout

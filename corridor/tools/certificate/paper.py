@@ -16,8 +16,7 @@ import numpy as np
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from corridor.core.output.pages import Report
-    from corridor.core.output.table import Table
+    from corridor.core.output import Report, Table
 
 # A4 in points of print, with its margins.
 WIDE, HIGH, MARGIN = 595.28, 841.89, 45.0
