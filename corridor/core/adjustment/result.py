@@ -90,9 +90,9 @@ class Adjustment(Tables):
         """Sentences on how far the measurements lie from the start values."""
         return misfit(replace(self.system, state=self.problem.start))
 
-    def add_note(self, sentence: str) -> None:
-        """A sentence to stand first among the warnings."""
-        self._notes.insert(0, sentence)
+    def add_note(self, *sentences: str) -> None:
+        """Sentences to stand first among the warnings, in this order."""
+        self._notes[:0] = sentences
         self.__dict__.pop("warnings", None)
 
     def keep_notes(self, earlier: "Adjustment") -> None:
