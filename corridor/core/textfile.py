@@ -277,18 +277,6 @@ def missing(path: Path, error: Exception) -> InputError:
     return InputError(f"{path} cannot be read ({reason}); correct the path, or fetch it again")
 
 
-def opening(path: Path, size: int = 4096) -> str:
-    """The first characters of a file, whatever it is: for telling formats apart."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(size)
-    except OSError:
-        return ""
-    if data.startswith(UTF16):
-        return data.decode("utf-16", errors="replace").lstrip("\ufeff")
-    return data.decode("utf-8-sig", errors="replace")
-
-
 # --- XML -------------------------------------------------------------------------------------
 
 

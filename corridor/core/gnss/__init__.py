@@ -12,16 +12,15 @@ from corridor.core.gnss.coordinates import (
 )
 from corridor.core.gnss.exposures import Exposures, on_one_clock
 from corridor.core.gnss.formats.exif import names_in, of_photographs
+from corridor.core.gnss.frames import FRAME as LOCAL_FRAME
 from corridor.core.gnss.frames import (
     about_the_middle,
     grid_distortion,
-    height_unit,
-    in_metres,
     in_world,
     local_of,
     local_table,
     metric,
-    moved,
+    places_of,
     world_crs,
 )
 from corridor.core.gnss.interpolation import (

@@ -47,7 +47,7 @@ from corridor.core.output.numbers import (
     significant,
     times,
 )
-from corridor.core.output.pages import Report, numbered, page, page_with
+from corridor.core.output.pages import Report, numbered, page
 from corridor.core.output.progress import Progress, silent, telling
 from corridor.core.output.table import WIDTH, Link, Table
 from corridor.core.output.units import UnitTable, named_with_units, with_units

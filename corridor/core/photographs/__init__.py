@@ -15,10 +15,11 @@ from corridor.core.photographs.opening import FAULTS, MOST_PIXELS, fault, open_p
 from corridor.core.photographs.published import (
     GlobalShutter,
     PublishedReadout,
-    compared,
     global_shutter,
     of_picture,
+    plain_name,
     published_readouts,
+    published_table,
 )
 
 __all__ = [
@@ -29,12 +30,13 @@ __all__ = [
     "Metadata",
     "PublishedReadout",
     "Taken",
-    "compared",
     "fault",
     "global_shutter",
     "of_picture",
     "open_picture",
     "photographs_in",
+    "plain_name",
     "published_readouts",
+    "published_table",
     "read_metadata",
 ]

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from corridor.core.errors import InputError
-from corridor.core.textfile import UTF16, Line, is_number, lines, missing, opening
+from corridor.core.textfile import UTF16, Line, is_number, lines, missing
 
 
 def says_number(word: str) -> bool:
@@ -73,6 +73,18 @@ class Following:
             text = line.text.lstrip()
             if text and not (self._comment and text.startswith(self._comment)):
                 yield line
+
+
+def opening(path: Path, size: int = 4096) -> str:
+    """The first characters of a file, whatever it is: for telling formats apart."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(size)
+    except OSError:
+        return ""
+    if data.startswith(UTF16):
+        return data.decode("utf-16", errors="replace").lstrip("\ufeff")
+    return data.decode("utf-8-sig", errors="replace")
 
 
 def beginning(path: Path, pattern: str, start: str) -> Path | None:

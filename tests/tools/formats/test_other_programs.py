@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_quaternion
-from corridor.core.gnss import Local, local_table, moved
+from corridor.core.gnss import Local, local_table
 from corridor.tools.formats import Additions, complete, prove, read_project
+from corridor.tools.formats.frames import moved
 
 from .conftest import exact_block
 

@@ -15,9 +15,9 @@ from corridor.core.gnss import (
     convert,
     known_crs,
     local_of,
-    moved,
 )
 from corridor.tools.formats.cameras import in_the_middle
+from corridor.tools.formats.frames import moved
 from corridor.tools.formats.rows import camera_positions
 from corridor.tools.formats.textfile import add_xml, write_xml
 
