@@ -12,7 +12,6 @@ import pandas as pd
 
 from corridor.core import registry
 from corridor.core.adjustment.covariance import Covariance
-from corridor.core.adjustment.export import write_gis
 from corridor.core.adjustment.misfit import misfit
 from corridor.core.adjustment.model import Model
 from corridor.core.adjustment.precision import FAR, MOST, InDatum, chosen
@@ -79,7 +78,9 @@ class Adjustment(Tables):
             self, folder, pictures, captions, gis, beside
         )
 
-    write_gis = write_gis
+    def write_gis(self, stem: Path) -> None:
+        """Writes STEM.gpkg and STEM.las: see `corridor.report.write_gis`."""
+        registry.room("report").write_gis(self, stem)
 
     @property
     def notes(self) -> list[str]:
