@@ -19,12 +19,6 @@ from corridor.core.gnss.track import GEOGRAPHIC
 FRAME = "local_frame"
 
 
-def local_table(local: Local, crs: str | None = None) -> dict[str, float | str]:
-    """`local_frame` of block.toml; crs: the system in which results are given."""
-    table = {"lat_deg": local.lat_deg, "lon_deg": local.lon_deg, "height": local.height}
-    return table | ({"crs": crs} if crs else {})
-
-
 def local_of(block: Block) -> Local | None:
     """The block's east, north, up frame on Earth, None where it has none.
 
@@ -121,18 +115,3 @@ def grid_distortion(block: Block) -> tuple[float, float] | None:
     level[:, 2] *= scale
     away = np.linalg.norm(similarity(level, true).apply(level) - true, axis=1)
     return scale - 1, float(away.max())
-
-
-def metric(crs: str) -> tuple[str, float]:
-    """The same grid counted in metres, and how many metres its own unit has; 1.0: it is metric."""
-    system = known_crs(crs)
-    unit = float(system.axis_info[0].unit_conversion_factor)
-    if not system.is_projected or abs(unit - 1) < 1e-9:
-        return crs, 1.0
-    table = system.to_json_dict()
-    for part in (table, *table.get("components", ())):
-        part.pop("id", None)
-        for axis in part.get("coordinate_system", {}).get("axis", ()):
-            axis["unit"] = "metre"
-    table["name"] = f"{system.name} in metres"
-    return type(system).from_json_dict(table).to_wkt(), unit

@@ -13,8 +13,6 @@ from corridor.core.gnss import (
     convert,
     known_crs,
     local_of,
-    local_table,
-    metric,
     places_of,
 )
 
@@ -23,6 +21,27 @@ _STEP_M = 100.0
 _SIGMAS = (("gnss", ("sx", "sy", "sz")), ("ground", ("sx", "sy", "sz")),
            ("points", ("sx", "sy", "sz")), ("track", ("sx", "sy", "sz")))  # fmt: skip
 _VELOCITY = (("images", ("vx", "vy", "vz")), ("track", ("vx", "vy", "vz")))
+
+
+def local_table(local: Local, crs: str | None = None) -> dict[str, float | str]:
+    """`local_frame` of block.toml; crs: the system in which results are given."""
+    table = {"lat_deg": local.lat_deg, "lon_deg": local.lon_deg, "height": local.height}
+    return table | ({"crs": crs} if crs else {})
+
+
+def metric(crs: str) -> tuple[str, float]:
+    """The same grid counted in metres, and how many metres its own unit has; 1.0: it is metric."""
+    system = known_crs(crs)
+    unit = float(system.axis_info[0].unit_conversion_factor)
+    if not system.is_projected or abs(unit - 1) < 1e-9:
+        return crs, 1.0
+    table = system.to_json_dict()
+    for part in (table, *table.get("components", ())):
+        part.pop("id", None)
+        for axis in part.get("coordinate_system", {}).get("axis", ()):
+            axis["unit"] = "metre"
+    table["name"] = f"{system.name} in metres"
+    return type(system).from_json_dict(table).to_wkt(), unit
 
 
 def moved(block: Block, target: Local | str, crs: str | None = None) -> Block:

@@ -12,7 +12,11 @@ from corridor.core import gnss
 from corridor.core.block import POSE, Block
 from corridor.core.errors import InputError, some
 from corridor.core.geometry import robust_scale, rotation_from_quaternion, similarity
-from corridor.core.gnss import GEOGRAPHIC, Local, local_of, local_table
+from corridor.core.gnss import (
+    GEOGRAPHIC,
+    Local,
+    local_of,
+)
 from corridor.core.photographs import (
     Metadata,
     global_shutter,
@@ -32,8 +36,10 @@ from corridor.core.preparation import (
     record_derived,
     velocity_warnings,
 )
+from corridor.tools.formats.clocks import on_one_clock
 from corridor.tools.formats.control import moved_by
 from corridor.tools.formats.focal import stated_focal
+from corridor.tools.formats.frames import local_table
 from corridor.tools.formats.ground import in_frame
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.project import Project
@@ -137,7 +143,7 @@ def _with_times(project, folder, photos):
                 of_name = zip(gnss.names_in(home, files), map(of_path.get, files), strict=True)
                 rows = part.table["image"].map(dict(of_name))
             parts.append(replace(part, table=part.table.assign(row=rows).dropna(subset=["row"])))
-        exposures = gnss.on_one_clock(parts)
+        exposures = on_one_clock(parts)
     except InputError as error:
         return project.warned(f"no times from the photographs: {error}"), None
     rows = exposures.table["row"].to_numpy(int)
