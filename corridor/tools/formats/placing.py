@@ -1,7 +1,7 @@
 """Time, place, temperature and gyroscope of a project's images, from photographs or a track."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -36,7 +36,6 @@ from corridor.core.preparation import (
     record_derived,
     velocity_warnings,
 )
-from corridor.tools.formats.clocks import on_one_clock
 from corridor.tools.formats.control import moved_by
 from corridor.tools.formats.focal import stated_focal
 from corridor.tools.formats.frames import local_table
@@ -166,6 +165,30 @@ def _with_times(project, folder, photos):
             extra={**project.block.extra, **dated},
         ),
         replace(exposures, table=table),
+    )
+
+
+def on_one_clock(parts: Sequence[gnss.Exposures]) -> gnss.Exposures:
+    """The exposures of several folders as one, from the day of the first on.
+
+    Raises InputError where their clocks are not of one time system.
+    """
+    first, systems = parts[0], sorted({part.time_system or "not named" for part in parts})
+    if len(parts) == 1:
+        return first
+    if len(systems) > 1:
+        raise InputError(
+            f"the photographs lie in {len(parts)} folders, and their times are in different "
+            f"systems ({', '.join(systems)})"
+        )
+    later = [gnss.DAY_S * gnss.days_between(first.day or "", part.day or "") for part in parts]
+    tables = [part.table.assign(time_s=part.table["time_s"] + s)
+              for part, s in zip(parts, later, strict=True)]  # fmt: skip
+    return replace(
+        first,
+        table=pd.concat(tables, ignore_index=True),
+        notes=tuple(dict.fromkeys(note for part in parts for note in part.notes)),
+        resolution_s=max(part.resolution_s or 0.0 for part in parts) or None,
     )
 
 
