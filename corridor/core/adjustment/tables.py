@@ -20,6 +20,7 @@ from corridor.core.adjustment.solving import Solution
 from corridor.core.block import POSE, Block, along_axes, covariance_of, frugal, places, turned
 from corridor.core.camera import INTERIOR
 from corridor.core.effects import Values
+from corridor.core.engine.scene import robust
 from corridor.core.geometry import (
     GROSS,
     is_outlier,
@@ -184,7 +185,7 @@ class Tables(Checked):
         loss = self.system.loss
         weight = np.broadcast_to(1.0, len(length))
         if loss.kind != 0:
-            weight = _weights(loss, length)
+            weight = robust(loss, length**2)[1] ** 2
         out = {}
         self._seen: dict[str, np.ndarray] = {}
         for kind, rows, span in (
@@ -603,13 +604,6 @@ def _mean_square(v: np.ndarray, sigma: np.ndarray, kept: np.ndarray) -> float:
             scaled = scaled[kept[part]]
         total += float(scaled @ scaled)
     return total / max(int(np.count_nonzero(kept)), 1)
-
-
-def _weights(loss, length: np.ndarray) -> np.ndarray:
-    """IRLS weight of residuals of a length in sigmas."""
-    if loss.kind == 1:
-        return np.minimum(1.0, loss.width / np.maximum(length, 1e-300))
-    return 1.0 / (1.0 + (length / loss.width) ** 2)
 
 
 def _threes(names, key: str, given, residual, weight, unit="m", turn=None) -> pd.DataFrame:
