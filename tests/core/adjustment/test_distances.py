@@ -63,15 +63,6 @@ def dense(adjusted):
     return (inverse @ inverse.T) / scale[:, None] / scale, j
 
 
-def test_a_cost_without_equations_is_that_of_the_equations_for_wrong_distances_and_a_robust_loss():
-    block = flown(free=False)
-    block.distances.loc[0, "distance"] += 0.5
-    p = make_problem(block, Model(loss="huber:2"))
-    normal = Normal(p, Loss.parse("huber:2"))
-    normal.assemble(p.start, 0.0)
-    assert normal.cost_at(p.start) == (normal.cost, normal.behind)
-
-
 class TestAgainstADenseAdjustment:
     @pytest.mark.parametrize("free", [True, False])
     def test_sigmas_and_redundancies_are_those_of_a_dense_adjustment(self, free):
@@ -286,3 +277,12 @@ class TestTwoDates:
         both = joined(before, after, [])
         assert len(both.distances) == 6
         assert set(both.distances["from"]) <= set(both.points["point"].astype(str))
+
+
+def test_a_cost_without_equations_is_that_of_the_equations_for_wrong_distances_and_a_robust_loss():
+    block = flown(free=False)
+    block.distances.loc[0, "distance"] += 0.5
+    p = make_problem(block, Model(loss="huber:2"))
+    normal = Normal(p, Loss.parse("huber:2"))
+    normal.assemble(p.start, 0.0)
+    assert normal.cost_at(p.start) == (normal.cost, normal.behind)
