@@ -328,7 +328,9 @@ def _once(
         if not problem.arms_free or model.lever_arm is not None:
             raise
         held = _once(start, replace(model, lever_arm="fixed"), run, spare, near, begun, refitted)
-        held.add_note(unseen_arms(held, "nothing determines the place of the block beside free ones"))
+        held.add_note(
+            unseen_arms(held, "nothing determines the place of the block beside free ones")
+        )
         return held
     try:
         normal = Normal(problem, loss, threads=threads)

@@ -180,9 +180,8 @@ class Covariance:
         out = np.empty((count, 6))
         nothing = np.zeros(0, dtype=np.int64)
         self._of_points(Asked(np.full(count, -1), nothing, out, np.zeros((0, 3, 0))))
-        # What is small beside what all are taken from, as large as the equations, which nobody
-        # needs after this.
-        _ = self.each_pose, self.of_marked
+        # As large as the equations: who asks for more than poses after this has it made anew.
+        _ = self.each_pose
         del self._near
         return out
 

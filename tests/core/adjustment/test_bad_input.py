@@ -208,7 +208,9 @@ class TestSingularDatum:
         block = flown(noise=False, images=12, attitude_jitter_deg=0.0)
         adjusted = corridor.adjust(block, control=[])
         assert not adjusted.problem.arms_free
-        assert any("place of the block" in note and "--lever-arm" in note for note in adjusted.notes)
+        assert any(
+            "place of the block" in note and "--lever-arm" in note for note in adjusted.notes
+        )
 
     @pytest.mark.parametrize("effect", ["gnss_bias", "gnss_bias@flight"])
     def test_a_gnss_bias_without_control(self, block, effect):
