@@ -80,14 +80,11 @@ def fit(
         lag, lag_sigma, note = _lag(sums, kind, int(powers), steps)
     if note:
         notes.append(note)
-    notes += [_say_step(sums, step) for step in steps]
+    names = maps.picture[sums.rows]
+    notes += [_jumps(names[step - 1], names[step]) for step in steps]
     solved = sums.solve(kind, int(powers), lag or 0.0, steps)
     if kind != "printed" and _apart(sums, solved):
-        notes.append(
-            "the picture as a whole jumps between the reference and "
-            f"{maps.picture[sums.rows[0]]}, beyond what temperature explains: the tripod or the "
-            "camera was moved; the jump was fitted and left out of the model"
-        )
+        notes.append(_jumps("the reference", names[0]))
     model = _model(sums, solved, lag, lag_sigma, tuple(dict.fromkeys(notes)))
     model = replace(model, extra={"smoothed_temperature": bool(smooth)})
     return Fit(model, _pictures(sums, solved, lag or 0.0), table)
@@ -217,9 +214,8 @@ def _apart(sums, solved) -> bool:
     return bool(np.hypot(*shift) > max(2 * _LEAST_STEP, half_a_degree))
 
 
-def _say_step(sums, step) -> str:
+def _jumps(before: str, after: str) -> str:
     """The warning about a jump."""
-    before, after = sums.maps.picture[sums.rows[step - 1]], sums.maps.picture[sums.rows[step]]
     return (
         f"the picture as a whole jumps between {before} and {after}, beyond what temperature "
         "explains: the tripod or the camera was moved; the jump was fitted and left out of the "
