@@ -19,6 +19,7 @@ from corridor.core.errors import InputError, some
 from corridor.core.geometry import (
     Similarity,
     quaternion_from_rotation,
+    robust_scale,
     rotation_from_quaternion,
     similarity,
 )
@@ -279,10 +280,8 @@ def moved_by(project: Project, move: Similarity) -> Project:
     turned = move.apply_to_rotations(rotation_from_quaternion(pose[known, 3:]))
     pose[known, 3:] = quaternion_from_rotation(turned)
     images = block.images.assign(**dict(zip(POSE, pose.T, strict=True)))
-    points = block.points
-    if len(points):
-        places = move.apply(points[XYZ].to_numpy(float))
-        points = points.assign(**dict(zip(XYZ, places.T, strict=True)))
+    places = move.apply(block.points[XYZ].to_numpy(float))
+    points = block.points.assign(**dict(zip(XYZ, places.T, strict=True)))
     return project.having(images=images, points=points)
 
 
@@ -313,7 +312,7 @@ def _in_one_height_system(project: Project, name: str) -> Project:
         return project
     off = seen.given - seen.met
     middle = np.median(off, axis=0)
-    spread = 1.4826 * np.median(np.abs(off - middle), axis=0)
+    spread = robust_scale(off, centred=True, axis=0)
     # What positions share places the block.
     shared = np.median(block.gnss_sigma(), axis=0) / 3.0 if len(block.gnss) else np.zeros(3)
     sigma = np.hypot(spread / np.sqrt(len(off)), shared)

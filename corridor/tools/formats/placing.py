@@ -641,10 +641,7 @@ def _placed(
         return project.warned(
             f"the project stays in its own frame: positions of {what} do not place it ({error})"
         )
-    ground = block.ground
-    if len(ground):
-        xyz = found.apply(ground[list(POSE[:3])].to_numpy(float))
-        ground = ground.assign(**dict(zip(POSE[:3], xyz.T, strict=True)))
+    xyz = found.apply(block.ground[list(POSE[:3])].to_numpy(float))
     with_attitudes = " and their attitudes" if len(axes) else ""
     return moved_by(project, found).having(
         placed=True,
@@ -655,7 +652,7 @@ def _placed(
         ],
         offset=np.zeros(3),
         extra={**block.extra, "local_frame": local_table(local)},
-        ground=ground,
+        ground=block.ground.assign(**dict(zip(POSE[:3], xyz.T, strict=True))),
     )
 
 

@@ -12,7 +12,7 @@ import pandas as pd
 from scipy.optimize import minimize_scalar
 
 from corridor.core.brief import brief
-from corridor.core.geometry import robust_scale
+from corridor.core.geometry import jackknife, robust_scale
 from corridor.tools.thermal import temperature
 from corridor.tools.thermal.maps import Maps
 from corridor.tools.thermal.model import KINDS, ThermalModel
@@ -174,9 +174,8 @@ def _lag(sums, kind, powers=None, steps=()):
     # Errors of neighbouring pictures are alike: whole stretches of time are left out.
     parts = min(6, len(sums.rows) // 2)
     part = np.arange(len(sums.rows)) * parts // len(sums.rows)
-    without = np.array([_best_lag(sums, kind, powers, steps, part != n, lag) for n in range(parts)])
-    sigma = float(np.sqrt((parts - 1) / parts * np.sum((without - without.mean()) ** 2)))
-    sigma = max(sigma, 0.05)
+    without = [_best_lag(sums, kind, powers, steps, part != n, lag) for n in range(parts)]
+    sigma = max(jackknife(without), 0.05)
     if lag >= 0.95 * sums.longest_lag or sigma > max(0.5 * lag, 0.1 * sums.longest_lag):
         return _no_lag(f"{lag:.0f} s are found with a sigma of {sigma:.0f} s")
     return lag, sigma, None

@@ -198,11 +198,8 @@ def _views(path, measured, names, used, cameras, notes) -> Views | None:
 def _image_of(head: Line, known: Names) -> int | None:
     """The row of the image that a line begins; its camera or focal length may follow the name."""
     words = head.text.split()
-    for count in range(len(words), 0, -1):
-        row = known.row(" ".join(words[:count]))
-        if row is not None:
-            return row
-    return None
+    rows = (known.row(" ".join(words[:count])) for count in range(len(words), 0, -1))
+    return next((row for row in rows if row is not None), None)
 
 
 def image_blocks(path: Path) -> Iterator[tuple[Line, list[Line]]]:

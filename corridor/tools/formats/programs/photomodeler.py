@@ -9,6 +9,7 @@ Source: DBAT (Börlin and Grussenmeyer), documentation of its loadpm; PhotoModel
 """
 
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -144,14 +145,8 @@ class _Photo:
 
 def _groups(file) -> list[list[Line]]:
     """Lines in groups between blank lines; the first photo stands after the head."""
-    groups, group = [], []
-    for line in lines(file):
-        if line.text.strip():
-            group.append(line)
-        elif group:
-            groups.append(group)
-            group = []
-    return [*groups, group] if group else groups
+    parts = groupby(lines(file), lambda line: bool(line.text.strip()))
+    return [list(group) for filled, group in parts if filled]
 
 
 def _photos(head_line, first, rest, common):
