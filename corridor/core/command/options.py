@@ -116,6 +116,11 @@ def flag(text: str, **more) -> dict:
     return {"help": text, "action": "store_true", **more}
 
 
+def picked(options: argparse.Namespace, names: str) -> dict[str, Any]:
+    """What some options say, as keywords; names: with blanks between them."""
+    return {name: getattr(options, name) for name in names.split()}
+
+
 def _form(text: str) -> str:
     """A form of certificates, as the tool that makes them knows them."""
     known = registry.room("certificate").form_names()

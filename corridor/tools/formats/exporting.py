@@ -51,11 +51,8 @@ class Exported:
     sentences: list[str] = field(default_factory=list)
 
     def __str__(self) -> str:
-        lines = [
-            f"{self.form}: {self.images:,} images, {self.observations:,} observations",
-            *self.sentences,
-        ]
-        return "\n".join(lines)
+        counts = f"{self.images:,} images, {self.observations:,} observations"
+        return "\n".join([f"{self.form}: {counts}", *self.sentences])
 
 
 def read_adjusted(folder: str | Path) -> tuple[Block, Values]:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.core import gnss
-from corridor.core.block import POSE, Block
+from corridor.core.block import POSE, VELOCITY, Block
 from corridor.core.errors import InputError, some
 from corridor.core.geometry import robust_scale, rotation_from_quaternion, similarity
 from corridor.core.gnss import GEOGRAPHIC, Local, local_of, local_table
@@ -30,7 +30,6 @@ from corridor.core.preparation import (
     UNCHECKED,
     Witness,
     paired_speeds,
-    record_derived,
     velocity_warnings,
 )
 from corridor.tools.formats.control import moved_by
@@ -39,7 +38,6 @@ from corridor.tools.formats.names import Names
 from corridor.tools.formats.project import Project
 from corridor.tools.formats.starting import rotations_of
 
-VELOCITY = ("vx", "vy", "vz")
 _LEAST_PAIRS = 5
 # Positions this near are one position; attitudes of gimbals and compasses are good to 5 degrees.
 _SAME_PLACE_M, _ATTITUDE_RAD, _BESIDE = 0.01, 0.09, 2.0
@@ -204,13 +202,9 @@ def _with_flights(project, photos):
         return project
     order = {one: k for k, one in enumerate(dict.fromkeys(flight[np.argsort(time)].tolist()), 1)}
     names = pd.array([f"F{order[one]}" for one in flight.tolist()], dtype="str")
-    project = project.having(images=_having(project, flight=names))
-    block = project.block.copy()
     told = f"{len(order)} flights: {', and '.join(f'{w.source} ({w.text})' for w in witnesses)}"
-    record_derived(
-        block, "images.flight", "the photographs", None, f"{told}.", witnesses=witnesses
-    )  # fmt: skip
-    return project.having(notes=[told], extra=block.extra)
+    project = project.having(notes=[told], images=_having(project, flight=names))
+    return project.deriving("images.flight", "the photographs", None, told, witnesses=witnesses)
 
 
 def _having(project, **columns):
@@ -328,8 +322,7 @@ def _with_velocities(project: Project, velocity: np.ndarray, source: str) -> Pro
     told = f"velocities east, north, up: {source}"
     columns = dict(zip(VELOCITY, velocity.T, strict=True))
     made = project.having(notes=[told], images=_having(project, **columns))
-    block = replace(made.block, extra=dict(made.block.extra))
-    doubts, pairs = velocity_warnings(block), paired_speeds(block)
+    doubts, pairs = velocity_warnings(made.block), paired_speeds(made.block)
     if doubts:
         witness = Witness("positions and times", CONTRADICTS, doubts[0])
     elif len(pairs.told) < _LEAST_PAIRS:
@@ -344,11 +337,8 @@ def _with_velocities(project: Project, velocity: np.ndarray, source: str) -> Pro
             "how long a metre; give ground points (--ground) with their system, or photographs "
             "with positions"
         )
-    record_derived(
-        block, "stated velocity", source, None, f"{told[0].upper()}{told[1:]}.",
-        "east, north, up", [witness],
-    )  # fmt: skip
-    return replace(made, block=block, warnings=[*made.warnings, *doubts])
+    made = made.deriving("stated velocity", source, None, told, "east, north, up", [witness])
+    return replace(made, warnings=[*made.warnings, *doubts])
 
 
 def gyro_rates(photo: Metadata, time_s: float | None) -> pd.DataFrame | None:
@@ -524,10 +514,8 @@ def _with_positions(project, photos: dict[int, Metadata], exposures):
     project = _put(project, table, "the photographs", attitudes)
     if assumed and len(project.block.gnss):
         sigma = table[["sx", "sy"]].to_numpy(float)
-        record_derived(
-            project.block, "gnss.sx", "the kind of receiver", sigma, f"{assumed}.",
-            witnesses=[_scatter(project.block, float(np.median(sigma)))],
-        )  # fmt: skip
+        seen = [_scatter(project.block, float(np.median(sigma)))]
+        return project.deriving("gnss.sx", "the kind of receiver", sigma, assumed, witnesses=seen)
     return project
 
 
@@ -653,10 +641,7 @@ def _placed(
         return project.warned(
             f"the project stays in its own frame: positions of {what} do not place it ({error})"
         )
-    ground = block.ground
-    if len(ground):
-        xyz = found.apply(ground[list(POSE[:3])].to_numpy(float))
-        ground = ground.assign(**dict(zip(POSE[:3], xyz.T, strict=True)))
+    xyz = found.apply(block.ground[list(POSE[:3])].to_numpy(float))
     with_attitudes = " and their attitudes" if len(axes) else ""
     return moved_by(project, found).having(
         placed=True,
@@ -667,7 +652,7 @@ def _placed(
         ],
         offset=np.zeros(3),
         extra={**block.extra, "local_frame": local_table(local)},
-        ground=ground,
+        ground=block.ground.assign(**dict(zip(POSE[:3], xyz.T, strict=True))),
     )
 
 

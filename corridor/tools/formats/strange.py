@@ -17,17 +17,12 @@ _ENDINGS = {
     "name that",
     ".rsproj": "a RealityScan project: export a Bundler file or a COLMAP model from it, and name "
     "that",
-    ".xlsx": "an Excel workbook: save the sheet as comma separated text (.csv), and name that",
-    ".xls": "an Excel workbook: save the sheet as comma separated text (.csv), and name that",
     ".ods": "a spreadsheet: save the sheet as comma separated text (.csv), and name that",
     ".sbet": "a POSPac trajectory in binary form: export it from POSPac as text",
     ".out": "a file of a trajectory or of another program: of POSPac, export it as text",
     ".pdf": "a report: name the project that it is of",
     ".zip": "an archive: unpack it, and name the folder",
     ".xmlz": "a packed BlocksExchange: unpack it like a .zip, and name the .xml in it",
-    ".las": "a point cloud: a project has photographs, their poses and measurements",
-    ".laz": "a point cloud: a project has photographs, their poses and measurements",
-    ".ply": "a point cloud: a project has photographs, their poses and measurements",
     ".mg": "a Meshroom graph: name the sfm.json or cameras.sfm that its node StructureFromMotion "
     "wrote (MeshroomCache/StructureFromMotion/.../)",
     ".pos": "a receiver's track: give it with --track, beside a project",
@@ -37,14 +32,17 @@ _ENDINGS = {
     ".nmea": "a receiver's NMEA log: its positions have no standard deviations; process the raw "
     "data, and give the track with --track",
 }
-_ENDINGS |= dict.fromkeys(
-    (".kml", ".kmz", ".gpx", ".geojson", ".dxf", ".dwg", ".shp", ".gpkg"),
-    "a map: save its points as comma separated text (name, x, y, z), and name that",
-)
+_ALIKE = {
+    ".xlsx .xls": "an Excel workbook: save the sheet as comma separated text (.csv), and name that",
+    ".las .laz .ply": "a point cloud: a project has photographs, their poses and measurements",
+    ".kml .kmz .gpx .geojson .dxf .dwg .shp .gpkg": "a map: save its points as comma separated "
+    "text (name, x, y, z), and name that",
+}
+_ENDINGS |= {end: told for ends, told in _ALIKE.items() for end in ends.split()}
 _GROUND = "a list of ground points: name the project, and give the list with --ground"
 _PLAN = "a plan of a flight: `corridor plan PLAN` says how accurate it will be"
 _MOST_FILES = 2000  # of a folder are looked at
-_MODEL = {"cameras": ".txt or .bin", "images": ".txt or .bin", "points3D": ".txt or .bin"}
+_MODEL = ("cameras", "images", "points3D")
 
 
 def strange(path: Path) -> str:

@@ -285,7 +285,8 @@ def _fit(found: _Stripes) -> _Fitted | None:
         return None
     background = basis.background
     flat = signal - background @ np.linalg.lstsq(background, signal, rcond=None)[0]
-    phase = np.array([_phase(flat, row, h * cycles) for h in basis.orders])
+    window, turns = flat * np.hanning(rows), -2j * np.pi * (basis.orders * cycles)
+    phase = np.angle([np.sum(window * np.exp(turn * row)) for turn in turns])
     weights = np.ones(rows)
     for step in range(25):
         root = np.sqrt(weights)
@@ -399,8 +400,3 @@ class _Basis:
         by_phase = -np.stack(shapes, axis=1) * np.sin(argument)
         by_cycles = by_phase @ (2 * np.pi * self.orders) * row * (2.0 / len(row))
         return base, np.hstack([by_cycles[:, None], by_phase])
-
-
-def _phase(flat, row, cycles):
-    total = np.sum(flat * np.hanning(len(row)) * np.exp(-2j * np.pi * cycles * row))
-    return np.angle(total)

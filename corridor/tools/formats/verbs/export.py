@@ -21,7 +21,7 @@ it first, and export the result.
 
 import argparse
 
-from corridor.core.command.options import flag, option, say, valued_effect, wrote
+from corridor.core.command.options import flag, option, picked, say, valued_effect, wrote
 
 MARK = "exported_by_corridor.txt"
 OPTIONS = {
@@ -52,10 +52,8 @@ def run(options: argparse.Namespace) -> None:
         options.form,
         options.output,
         effects=effects,
-        corrected=options.corrected,
-        lossy=options.lossy,
-        to_crs=options.to_crs,
         progress=say,
+        **picked(options, "corrected lossy to_crs"),
     )
     print(made)
     wrote(options.output)
