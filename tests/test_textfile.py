@@ -10,8 +10,9 @@ import pytest
 
 from corridor.core import textfile
 from corridor.core.errors import InputError
-from corridor.core.textfile import Following, Json, Line, Xml, filled, lines, number, read_lines
+from corridor.core.textfile import Line, Xml, lines, number, read_lines
 from corridor.tools.formats.columns import NumberLines
+from corridor.tools.formats.textfile import Following, Json, filled
 
 
 def test_lines_of_any_encoding_and_ending_are_counted_from_one(tmp_path):

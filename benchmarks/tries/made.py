@@ -21,9 +21,12 @@ import corridor
 from corridor.core.block import Block
 from corridor.core.camera import Camera
 from corridor.core.geometry import rotation_from_quaternion
-from corridor.core.gnss import Local, local_table, moved
+from corridor.core.gnss import (
+    Local,
+)
 from corridor.core.simulation import read_plan
 from corridor.tools.formats import export_project
+from corridor.tools.formats.frames import local_table, moved
 from corridor.tools.formats.rows import rows_of
 from corridor.tools.readout import render
 

@@ -1,7 +1,7 @@
-"""Text, XML and JSON that other programs wrote: every fault names file, place and remedy.
+"""Text and XML that other programs wrote: every fault names file, place and remedy.
 
-A line of a file is counted from 1. `Line`, `Xml` and `Json` are a piece of a file that knows where
-it stands, so that whoever reads it says only what should stand there.
+A line of a file is counted from 1. `Line` and `Xml` are a piece of a file that knows where it
+stands, so that whoever reads it says only what should stand there.
 """
 
 from __future__ import annotations
@@ -9,13 +9,12 @@ from __future__ import annotations
 import bz2
 import gzip
 import io
-import json
 import math
 import re
 import warnings
 import zlib
 from collections.abc import Iterator
-from itertools import chain, islice
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO, TypeGuard
 from xml.etree import ElementTree
@@ -30,7 +29,7 @@ _FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d+$)")
 # Bytes that are no UTF-8, and what they are in no word.
 _FOREIGN = re.compile("[\udc80-\udcff]")
 _NO_WORD = re.compile(r"[^\x00-\x7f]{3}|[\x80-\x9f]")
-_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+UTF16 = (b"\xff\xfe", b"\xfe\xff")
 # Numbers as text are packed to a third or a tenth. What is packed to less than a hundredth holds
 # nothing but repetition, and may have been made to fill a memory; so few bytes fill none.
 _MOST_GROWTH, _ALWAYS = 100, 50_000_000
@@ -59,15 +58,6 @@ def number(text: str, path: Path, line: int, what: str, count: str = "line") -> 
     raise InputError(
         f"{place} is not a {kind}; correct or delete the {count}, or export the file again"
     )
-
-
-def says_number(word: str) -> bool:
-    """Whether a word is a number, finite or not."""
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 def numbers(words: list[str], path: Path, line: int, what: str) -> np.ndarray:
@@ -200,7 +190,7 @@ def lines(path: Path, size: int = 0, passed: int = 0) -> Iterator[Line]:
     at, told = passed, False
     try:
         with unpacked(path) as data:
-            encoding = "utf-16" if data.read(2) in _UTF16 else "utf-8-sig"
+            encoding = "utf-16" if data.read(2) in UTF16 else "utf-8-sig"
             data.seek(size)
             # A byte that is no UTF-8 waits as half a character for what it may be.
             with io.TextIOWrapper(data, encoding, errors="surrogateescape") as texts:
@@ -245,55 +235,6 @@ def _western(line: Line) -> str:
     return text
 
 
-def filled(path: Path, comment: str | tuple[str, ...] = "") -> Iterator[Line]:
-    """The lines that are not blank, nor begin with `comment`."""
-    return Following(path, comment).rest()
-
-
-class Following:
-    """Lines with something on them, one after the other; the end is told with the place.
-
-    last: number of the line that was read last. comment: what begins a line that says nothing.
-    """
-
-    def __init__(self, path: Path, comment: str | tuple[str, ...] = ""):
-        self.path, self.last, self._comment, self._lines = path, 0, comment, lines(path)
-
-    def next(self, what: str) -> Line:
-        """The next line. Raises InputError where the file ends before."""
-        for line in self.rest():
-            return line
-        raise Line(self.path, self.last, "").wrong(
-            f"the file ends where {what} should follow; it is cut off or its counts are wrong"
-        )
-
-    def values(self, count: int, what: str) -> np.ndarray:
-        """The `count` numbers of the next line."""
-        return self.next(what).values(count, what)
-
-    def pass_by(self, size: int, count: int) -> None:
-        """Go on after that many bytes of the file, `count` lines further."""
-        self.last += count
-        self._lines = lines(self.path, size, self.last)
-
-    def comments(self) -> Iterator[Line]:
-        """The comments that come next."""
-        for line in self._lines:
-            if not line.text.startswith(self._comment):
-                self._lines = chain([line], self._lines)
-                return
-            self.last = line.at
-            yield line
-
-    def rest(self) -> Iterator[Line]:
-        """The lines that are left."""
-        for line in self._lines:
-            self.last = line.at
-            text = line.text.lstrip()
-            if text and not (self._comment and text.startswith(self._comment)):
-                yield line
-
-
 def read_lines(path: Path) -> list[str]:
     """All lines of a text file without line ends; also of one packed by gzip (.gz).
 
@@ -316,7 +257,7 @@ def read_lines(path: Path) -> list[str]:
             f"{path.name} holds more than {_MOST_HELD / 1e6:.0f} MB of text; give the part that "
             "the flight needs"
         )
-    if data.startswith(_UTF16):
+    if data.startswith(UTF16):
         text = data.decode("utf-16", errors="replace")
     else:
         try:
@@ -334,24 +275,6 @@ def missing(path: Path, error: Exception) -> InputError:
         return InputError(f"{path} is missing; put it there or name the whole project")
     reason = getattr(error, "strerror", None) or error
     return InputError(f"{path} cannot be read ({reason}); correct the path, or fetch it again")
-
-
-def opening(path: Path, size: int = 4096) -> str:
-    """The first characters of a file, whatever it is: for telling formats apart."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(size)
-    except OSError:
-        return ""
-    if data.startswith(_UTF16):
-        return data.decode("utf-16", errors="replace").lstrip("\ufeff")
-    return data.decode("utf-8-sig", errors="replace")
-
-
-def beginning(path: Path, pattern: str, start: str) -> Path | None:
-    """The file if it begins so, or the first such file of a folder among those of a pattern."""
-    files = [path] if path.is_file() else sorted(path.glob(pattern))
-    return next((file for file in files if opening(file, 64).startswith(start)), None)
 
 
 # --- XML -------------------------------------------------------------------------------------
@@ -462,126 +385,8 @@ class Xml:
             raise InputError(str(error).replace(", line 0:", ":")) from None
 
 
-def add_xml(
-    parent: ElementTree.Element, tag: str, *found: str | float, **attributes: str | float
-) -> ElementTree.Element:
-    """A new element with text (numbers with all digits, a blank between them) and attributes."""
-    shown = {key: _shown(value) for key, value in attributes.items()}
-    element = ElementTree.SubElement(parent, tag, shown)
-    if found:
-        element.text = " ".join(map(_shown, found))
-    return element
-
-
-def _shown(value):
-    return value if isinstance(value, str) else repr(float(value))
-
-
-def write_xml(root: ElementTree.Element, path: Path) -> None:
-    """Write an XML file."""
-    ElementTree.indent(root)
-    ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
-
-
-# --- JSON ------------------------------------------------------------------------------------
-
-
 def is_number(value: object) -> TypeGuard[int | float]:
     """Whether a value of TOML or JSON is a finite number; whole ones there may have any length."""
     return (
         isinstance(value, (int, float)) and not isinstance(value, bool) and -1e300 < value < 1e300
     )
-
-
-def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
-    """An object of JSON. Raises InputError where it has a name twice: one would be lost."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise InputError(
-            f"{twice!r} stands twice in one object of the JSON, of which only one could be read; "
-            "give each a name of its own"
-        )
-    return found
-
-
-class Json:
-    """A value of a JSON file, and where it stands."""
-
-    __slots__ = ("value", "where")
-
-    def __init__(self, value, where: str):
-        self.value, self.where = value, where
-
-    @classmethod
-    def read(cls, path: Path) -> Json:
-        """What a JSON file holds. Raises InputError naming file and line."""
-        try:
-            data = path.read_bytes()
-        except OSError as error:
-            raise missing(path, error) from error
-        try:
-            text = data.decode("utf-16" if data[:2] in _UTF16 else "utf-8-sig")
-            return cls(json.loads(text, object_pairs_hook=_once), path.name)
-        except UnicodeDecodeError as error:
-            line = data.count(b"\n", 0, error.start) + 1
-            raise Line(path, line, "").wrong("not UTF-8; save the file as UTF-8") from None
-        except json.JSONDecodeError as error:
-            raise Line(path, error.lineno, "").wrong(
-                f"the JSON is broken or ends early ({error.msg}); export the project again"
-            ) from None
-        except RecursionError:
-            raise InputError(
-                f"{path.name} is nested without end; export the project again"
-            ) from None
-
-    def wrong(self, sentence: str) -> InputError:
-        """The error that names file and place before the sentence."""
-        return InputError(f"{self.where} {sentence}; export the project again")
-
-    def get(self, key: str) -> object:
-        """What an object holds under a key; None where it does not, or is no object."""
-        return self.value.get(key) if isinstance(self.value, dict) else None
-
-    def at(self, key: str | int, kind: str = "") -> Json:
-        """The value of a key of an object, of a row of a list."""
-        name = f"{kind} {key!r}" if kind else str(key)
-        return Json(self.value[key], f"{self.where}: {name}")
-
-    def objects(self, key: str, kind: str = "") -> dict[str, Json]:
-        """The members of the object under a key. Raises InputError where there is none."""
-        if not isinstance(self.get(key), dict):
-            raise self.wrong(f"has no {key}")
-        inner = Json(self.value[key], self.where)
-        return {name: inner.at(name, kind or key) for name in inner.value}
-
-    def rows(self, key: str, kind: str) -> list[Json]:
-        """The rows of the list under a key. Raises InputError where there is none."""
-        found = self.get(key)
-        if not isinstance(found, list):
-            raise self.wrong(f"has no list of {key}")
-        return [Json(row, f"{self.where}: {kind} {k}") for k, row in enumerate(found, start=1)]
-
-    def text(self, key: str) -> str:
-        """The text under a key. Raises InputError where there is none."""
-        if not isinstance(self.get(key), str):
-            raise self.wrong(f"has no {key}")
-        return self.value[key]
-
-    def number(self, key: str, default: float | None = None) -> float:
-        """The finite number under a key. Raises InputError naming the place."""
-        value = self.get(key)
-        value = default if value is None and isinstance(self.value, dict) else value
-        if is_number(value):
-            return float(value)
-        raise self.wrong(f"has no number {key} ({value!r})")
-
-    def numbers(self, key: str, count: int) -> np.ndarray:
-        """The `count` finite numbers under a key. Raises InputError naming the place."""
-        found = self.get(key)
-        if isinstance(found, list) and len(found) == count and all(map(is_number, found)):
-            return np.array(found, dtype=float)
-        raise InputError(
-            f"{self.where}: {key} is not {count} finite numbers; export the project again"
-        )

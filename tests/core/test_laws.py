@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import corridor
-from corridor.core import testing
+from corridor import testing
 from corridor.core.gnss import interpolate
 
 hypothesis = pytest.importorskip("hypothesis", reason="hypothesis is not installed")

@@ -84,6 +84,7 @@ def test_an_adjustment_is_the_same_with_all_sizes_at_their_least(dirty, effects,
 
 
 def test_tables_are_written_and_read_the_same(dirty, least, tmp_path):
+    pytest.importorskip("pyarrow")
     dirty.write(tmp_path / "b", form="parquet")
     again = corridor.read(tmp_path / "b")
     for table in ("images", "tie_points", "gnss"):

@@ -190,12 +190,8 @@ def adjust(
         # What looks wrong at first sight is the likelier cause.
         raise type(error)(f"{doubtful[0]} So: {error}") from None
     result.doubts = doubtful
-    for note in (
-        *_used(prepared, listed_effects(model.effects)),
-        *reversed(left_out),
-        *reversed(doubtful),
-    ):
-        result.add_note(note)
+    used = _used(prepared, listed_effects(model.effects))
+    result.add_note(*doubtful, *left_out, *reversed(used))
     return result
 
 
@@ -401,8 +397,7 @@ def _without_image(
         found = _once(part, model, run, spare - 1)
     except InputError:
         raise error from None
-    for note in reversed(notes):
-        found.add_note(note)
+    found.add_note(*notes)
     found.add_note(
         f"Image {name} is left out: its pose cannot be determined, because its points lie on a "
         "line or link it to the other images by too few points."
@@ -525,7 +520,7 @@ def _fallen(problem: Problem, state: State) -> set[str]:
     that of their errors: what they fit best is a point in the camera itself, from which nothing is
     determined any more.
     """
-    point = np.repeat(np.arange(len(problem.ptr) - 1), np.diff(problem.ptr))
+    point = problem.point_of_ray
     before, after = (
         np.linalg.norm(at.points[point] - at.centre[problem.img], axis=1)
         for at in (problem.start, state)
@@ -563,5 +558,4 @@ def without_ties(block: Block, names: set[str]) -> Block:
 
 def _names_of(problem: Problem, rays: np.ndarray) -> set[str]:
     """Names of the points of some rays (n,), given as a mask."""
-    point = np.repeat(np.arange(len(problem.ptr) - 1), np.diff(problem.ptr))
-    return set(problem.point_names[np.unique(point[rays])])
+    return set(problem.point_names[np.unique(problem.point_of_ray[rays])])

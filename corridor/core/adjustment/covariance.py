@@ -169,17 +169,19 @@ class Covariance:
         count = len(self.system.problem.ptr) - 1
         if "each_point" in self.__dict__ or len(index) > max(FEW, count // SHARE):
             return self.each_point[index]
-        out, nothing = np.empty((count, 6)), np.zeros(0, dtype=np.int64)
-        self._of_points(Asked(np.full(count, -1), nothing, out, np.zeros((0, 3, 0))), index)
-        return out[index]
+        return self._each_of(index)[index]
+
+    def _each_of(self, some: Iterable[int] | None) -> np.ndarray:
+        """`each_point` (n, 6), filled for some of the points, or for all."""
+        count, nothing = len(self.system.problem.ptr) - 1, np.zeros(0, dtype=np.int64)
+        out = np.empty((count, 6))
+        self._of_points(Asked(np.full(count, -1), nothing, out, np.zeros((0, 3, 0))), some)
+        return out
 
     @cached_property
     def each_point(self) -> np.ndarray:
         """Of every point (n, 6): xx, yx, yy, zx, zy, zz, metres squared."""
-        count = len(self.system.problem.ptr) - 1
-        out = np.empty((count, 6))
-        nothing = np.zeros(0, dtype=np.int64)
-        self._of_points(Asked(np.full(count, -1), nothing, out, np.zeros((0, 3, 0))))
+        out = self._each_of(None)
         # As large as the equations: who asks for more than poses after this has it made anew.
         _ = self.each_pose
         del self._near

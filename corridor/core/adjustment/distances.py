@@ -208,8 +208,8 @@ def distance_rows(p: Problem, state: State) -> tuple[np.ndarray, np.ndarray, np.
     return p.distance_given - length - shift[:, 0], by, columns
 
 
-def add_distances(normal, p: Problem, state: State, matrix: bool) -> float:
-    """Add the distances to what images share; twice their cost.
+def add_distances(normal, p: Problem, state: State, matrix: bool | None) -> float:
+    """Add the distances to what images share (matrix None: nothing); twice their cost.
 
     A robust loss is theirs too, in their own standard deviations: beside image points that give
     way, a wrong distance would draw its ends to itself, and look right.
@@ -220,7 +220,8 @@ def add_distances(normal, p: Problem, state: State, matrix: bool) -> float:
     loss = normal.loss._replace(width=max(normal.loss.width, Loss().width))
     cost, soft = robust(loss, p.distance_weight * residual**2)
     weights = p.distance_weight * soft**2
-    np.add.at(normal.shared_gradient, columns, by * (weights * residual)[:, None])
+    if matrix is not None:
+        np.add.at(normal.shared_gradient, columns, by * (weights * residual)[:, None])
     if matrix:
         for row, at, weight in zip(by, columns, weights, strict=True):
             block = weight * np.outer(row, row)

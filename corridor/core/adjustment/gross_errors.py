@@ -53,8 +53,7 @@ def without_gross_errors(result: Adjustment, again: Again) -> Adjustment:
             break
         if better is found or not better.converged:
             break
-        for note in reversed(notes):
-            better.add_note(note)
+        better.add_note(*notes)
         found = better
     return found
 
@@ -84,8 +83,7 @@ def begun_with_sound_positions(block: Block, model: Model, again: Again) -> Adju
         notes: list[str] = []
         found = begun and where_it_leads(_without_positions, begun, again, notes, model)
         if found and found is not begun and _miss(found) < most and not implausible(found):
-            for note in reversed(notes):
-                found.add_note(note)
+            found.add_note(*notes)
             return found
     if isinstance(first, Exception):
         raise first

@@ -376,10 +376,9 @@ class LinearSystem:
     def image_rows(self) -> ImageRows:
         """What was measured in the images, in the order of `residuals`."""
         p = self.problem
-        point = np.repeat(np.arange(len(p.ptr) - 1), np.diff(p.ptr))
         with np.errstate(divide="ignore"):
             sigma = np.broadcast_to(1.0 / p.weight, len(p.img))
-        return ImageRows(p.img, point, p.row < p.tie_count, p.row, p.xy, sigma)
+        return ImageRows(p.img, p.point_of_ray, p.row < p.tie_count, p.row, p.xy, sigma)
 
     # --- residuals and rows ------------------------------------------------------------------
 
@@ -418,8 +417,7 @@ class LinearSystem:
         p, n = self.problem, len(self.columns)
         residual, by, columns = distance_rows(p, self.state)
         at = p.image_count * p.d + columns
-        row = np.broadcast_to(np.arange(len(at))[:, None], at.shape)
-        jacobian = csr_array((by.ravel(), (row.ravel(), at.ravel())), shape=(len(at), n))
+        jacobian = _sparse(by[:, None], at, n)
         names = np.array(p.images.distance_names, dtype=object)[p.distance_rows]
         return Rows(
             names,
@@ -441,9 +439,7 @@ class LinearSystem:
         found, n = rig_rows(p, self.state), len(self.columns)
         parts = []
         for image, by in ((p.rig_image[:, 0], found.first), (p.rig_image[:, 1], found.second)):
-            column = np.broadcast_to(self.columns.pose[image][:, None], by.shape)
-            row = np.broadcast_to(np.arange(6 * k).reshape(k, 6, 1), by.shape)
-            parts.append(csr_array((by.ravel(), (row.ravel(), column.ravel())), shape=(6 * k, n)))
+            parts.append(_sparse(by, self.columns.pose[image], n))
         names = p.images.names[np.repeat(p.rig_image[:, 1], 2)]
         residual = found.residual.reshape(-1, 3)
         sigma = np.tile(found.weight.reshape(2, 3) ** -0.5, (k, 1))
@@ -470,9 +466,7 @@ class LinearSystem:
             empty = csr_array((0, len(self.columns)))
             return Rows(names, given, np.zeros((0, 3)), sigma, empty, image, turn)
         found = pose_rows(kind, p, self.state, self.images)
-        column = np.broadcast_to((image[:, None] * d + np.arange(d))[:, None], found.own.shape)
-        row = np.broadcast_to(np.arange(3 * k).reshape(k, 3, 1), found.own.shape)
-        poses = csr_array((found.own.ravel(), (row.ravel(), column.ravel())), shape=(3 * k, m * d))
+        poses = _sparse(found.own, image[:, None] * d + np.arange(d), m * d)
         parts = [poses, csr_array(found.shared.reshape(3 * k, -1)), *beside]
         jacobian = csr_array(block_array([parts]))
         jacobian.eliminate_zeros()
@@ -502,7 +496,6 @@ class LinearSystem:
     def _beside(self) -> list[_Beside]:
         """Columns of the tested effects of the antenna."""
         context = Context(self.images, self.problem.gnss_image)
-        rows = 3 * len(context)
         out = []
         for stack in (Stack(self.block, [effect]) for effect in self.tested):
             (member,) = stack.members.values()
@@ -513,10 +506,8 @@ class LinearSystem:
             derivative = self.problem.gnss_turn @ derivative
             moved, _ = stack.evaluate("antenna", context, self.state.effects)
             group = context.group(effect.group)
-            row = np.broadcast_to(np.arange(rows).reshape(-1, 3, 1), derivative.shape)
-            column = np.broadcast_to(group[:, None, None] * count + np.arange(count), row.shape)
-            at = (row.ravel(), column.ravel())
-            jacobian = csr_array((derivative.ravel(), at), shape=(rows, groups * count))
+            column = group[:, None] * count + np.arange(count)
+            jacobian = _sparse(derivative, column, groups * count)
             shared: list[Unknown] = []
             if effect.group != "image":
                 # Flights without a position have nothing to be tested with.
@@ -742,6 +733,14 @@ class _Beside:
     def size(self) -> int:
         """How many columns."""
         return self.jacobian.shape[1]
+
+
+def _sparse(values: np.ndarray, column: np.ndarray, size: int) -> csr_array:
+    """Rows (k r, size) of values (k, r, c), each of the k in its own columns (k, c)."""
+    k, r, _ = values.shape
+    row = np.broadcast_to(np.arange(k * r).reshape(k, r, 1), values.shape)
+    at = row.ravel(), np.broadcast_to(column[:, None], values.shape).ravel()
+    return csr_array((values.ravel(), at), shape=(k * r, size))
 
 
 def motions(state: State, d: int, middle: np.ndarray | None = None) -> np.ndarray:

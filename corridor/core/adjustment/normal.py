@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from corridor.core.adjustment.distances import add_distances, distance_rows, ground_with_ends
+from corridor.core.adjustment.distances import add_distances, ground_with_ends
 from corridor.core.adjustment.matrix import Band, Bordered, Sparse
 from corridor.core.adjustment.measured_poses import antenna, pose_rows, residuals
 from corridor.core.adjustment.model import Loss
@@ -334,22 +334,9 @@ class Normal:
 
     def cost_at(self, state: State, near: Modelled | None = None) -> tuple[float, int]:
         """Cost at a state and how many observations are behind a camera, without derivatives."""
-        p = self.problem
         view = self.view(state)
         cost, behind = self._converge(view, near)[1]
-        cost += self._of_control(view)
-        for kind in POSE_KINDS:
-            if len(p.measured(kind)):
-                left = residuals(kind, p, state, view.images)
-                cost += float(np.sum(p.weight_of(kind) * left**2))
-        if len(p.rig_image):
-            rows = rig_rows(p, state)
-            cost += float(np.sum(rows.weight * rows.residual**2))
-        shared, own = self.from_priors(state)
-        cost += float(np.sum(p.prior_weight * shared**2) + np.sum(p.per_image_prior[1] * own**2))
-        if len(p.distance_given):
-            cost += float(np.sum(p.distance_weight * distance_rows(p, state)[0] ** 2))
-        return 0.5 * float(cost), int(behind)
+        return self._with_others(cost, view, None), int(behind)
 
     def _start(self) -> Modelled:
         """The measured pixels and rows, with rays that leave distortion out."""
@@ -415,7 +402,7 @@ class Normal:
                 return
 
     def _assemble(self, view: View, damping: float, matrix: bool) -> None:
-        p, state = self.problem, view.state
+        p = self.problem
         q, wide = p.shared_count, p.wide
         kept: list[np.ndarray] = [self.gradient]
         if matrix:
@@ -451,12 +438,7 @@ class Normal:
             self.shared_block = np.tril(block.sum(axis=0).reshape(wide, wide)[:q, :q])
             self.shared_reference = shared[:, 1].sum(axis=0)[:q]
         cost, behind, self.weak = totals.sum(axis=0)
-        cost += self._of_control(view)
-        cost += sum(self._add_poses(kind, state, view.images, matrix) for kind in POSE_KINDS)
-        cost += add_distances(self, p, state, matrix)
-        cost += self._add_rigs(state, matrix)
-        cost += self._add_priors(state, matrix)
-        self.cost, self.behind = 0.5 * cost, int(behind)
+        self.cost, self.behind = self._with_others(cost, view, matrix), int(behind)
         if not matrix:
             return
         m = p.image_count
@@ -470,20 +452,31 @@ class Normal:
             ]
             self.blocks.add_diagonal(pinned)
 
-    def _of_control(self, view: View) -> float:
-        """Twice the cost of the control."""
-        p = self.problem
-        return float(np.sum(p.control_weight * turned(p.control_turn, view.control_residual) ** 2))
+    def _with_others(self, cost: float, view: View, matrix: bool | None) -> float:
+        """Add what is no image point; half of the whole cost, twice that of image points given.
+
+        matrix: whether the matrix is wanted, too; None: nothing but the cost.
+        """
+        p, state = self.problem, view.state
+        # Of the control the engine adds the rest.
+        control = turned(p.control_turn, view.control_residual)
+        cost += float(np.sum(p.control_weight * control**2))
+        cost += sum(self._add_poses(kind, state, view.images, matrix) for kind in POSE_KINDS)
+        cost += add_distances(self, p, state, matrix)
+        cost += self._add_rigs(state, matrix)
+        return 0.5 * float(cost + self._add_priors(state, matrix))
 
     def antenna(self, state: State, images: Images):
         """Predicted antenna and its derivatives; see `measured_poses.antenna`."""
         return antenna(self.problem, state, images)
 
-    def _add_poses(self, kind: str, state: State, images: Images, matrix: bool) -> float:
+    def _add_poses(self, kind: str, state: State, images: Images, matrix: bool | None) -> float:
         """Add what is measured of poses directly, `gnss` or `attitude`; twice its cost."""
         p = self.problem
         if not len(p.measured(kind)):
             return 0.0
+        if matrix is None:
+            return float(np.sum(p.weight_of(kind) * residuals(kind, p, state, images) ** 2))
         rows = pose_rows(kind, p, state, images)
         image, residual, weight = rows.image, rows.residual, rows.weight
         # Cameras and most effects move none of them.
@@ -504,14 +497,14 @@ class Normal:
             self.shared_reference[used] += np.diag(block)
         return float(np.sum(weight * residual**2))
 
-    def _add_rigs(self, state: State, matrix: bool) -> float:
+    def _add_rigs(self, state: State, matrix: bool | None) -> float:
         """Add that images of one exposure hang together; twice its cost."""
         p = self.problem
         if not len(p.rig_image):
             return 0.0
         rows, (i, j) = rig_rows(p, state), p.rig_image.T
         heavy = {}
-        for image, by in ((i, rows.first), (j, rows.second)):
+        for image, by in ((i, rows.first), (j, rows.second)) if matrix is not None else ():
             heavy[id(by)] = weighted = (by * rows.weight[:, None]).transpose(0, 2, 1)
             np.add.at(self.gradient[:, :6], image, (weighted @ rows.residual[:, :, None])[:, :, 0])
             if matrix:
@@ -530,12 +523,13 @@ class Normal:
         away = p.per_image_prior[0] - np.stack(own, axis=1) if own else np.zeros((p.image_count, 0))
         return p.prior_value - shared_values(p, state), away
 
-    def _add_priors(self, state: State, matrix: bool) -> float:
+    def _add_priors(self, state: State, matrix: bool | None) -> float:
         p = self.problem
         shared, own = self.from_priors(state)
         weight = p.per_image_prior[1]
-        self.shared_gradient += p.prior_weight * shared
-        self.gradient[: p.image_count, 6:] += weight * own
+        if matrix is not None:
+            self.shared_gradient += p.prior_weight * shared
+            self.gradient[: p.image_count, 6:] += weight * own
         if matrix:
             self.shared_block[np.diag_indices(p.shared_count)] += p.prior_weight
             self.shared_reference += p.prior_weight

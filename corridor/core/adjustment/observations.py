@@ -45,6 +45,11 @@ class Network:
     point_start: np.ndarray
     bandwidth: int
 
+    @property
+    def point_of_ray(self) -> np.ndarray:
+        """Position (k,) of the point of each observation."""
+        return np.repeat(np.arange(len(self.ptr) - 1), np.diff(self.ptr))
+
 
 @dataclass
 class Control:

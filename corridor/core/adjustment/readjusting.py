@@ -201,8 +201,7 @@ def with_gnss_as_it_is(result: Adjustment, again: Again) -> Adjustment:
             found = later
     if found is result:
         return result
-    for note in reversed(notes):
-        found.add_note(note)
+    found.add_note(*notes)
     return found
 
 

@@ -12,7 +12,6 @@ import pandas as pd
 
 from corridor.core import registry
 from corridor.core.adjustment.covariance import Covariance
-from corridor.core.adjustment.export import write_gis
 from corridor.core.adjustment.misfit import misfit
 from corridor.core.adjustment.model import Model
 from corridor.core.adjustment.precision import FAR, MOST, InDatum, chosen
@@ -79,7 +78,9 @@ class Adjustment(Tables):
             self, folder, pictures, captions, gis, beside
         )
 
-    write_gis = write_gis
+    def write_gis(self, stem: Path) -> None:
+        """Writes STEM.gpkg and STEM.las: see `corridor.report.write_gis`."""
+        registry.room("report").write_gis(self, stem)
 
     @property
     def notes(self) -> list[str]:
@@ -90,9 +91,9 @@ class Adjustment(Tables):
         """Sentences on how far the measurements lie from the start values."""
         return misfit(replace(self.system, state=self.problem.start))
 
-    def add_note(self, sentence: str) -> None:
-        """A sentence to stand first among the warnings."""
-        self._notes.insert(0, sentence)
+    def add_note(self, *sentences: str) -> None:
+        """Sentences to stand first among the warnings, in this order."""
+        self._notes[:0] = sentences
         self.__dict__.pop("warnings", None)
 
     def keep_notes(self, earlier: "Adjustment") -> None:

@@ -40,7 +40,7 @@ class Blunder:
     rivals: tuple[int, ...]
 
 
-def blunders(v: np.ndarray, share: np.ndarray, level: float = LEVEL) -> list[Blunder]:
+def blunders(v: np.ndarray, share: np.ndarray) -> list[Blunder]:
     """The measurements that are wrong, the most significant first.
 
     v (n,): residuals, share (n, n): their cofactors, in units of the stated standard deviations.
@@ -52,8 +52,8 @@ def blunders(v: np.ndarray, share: np.ndarray, level: float = LEVEL) -> list[Blu
     chosen: list[int] = []
     if tried < 2:
         return []
-    one = chdtri(1, level / tried)
-    two = chdtri(2, level / (tried * (tried - 1) / 2))
+    one = chdtri(1, LEVEL / tried)
+    two = chdtri(2, LEVEL / (tried * (tried - 1) / 2))
     while len(chosen) < max(tried // 3, 1):
         left, free = _without(v, share, chosen)
         single = _singles(left, free)

@@ -1,5 +1,6 @@
 """What an adjustment found, as tables that are computed when they are first asked for."""
 
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
@@ -12,7 +13,6 @@ from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.distances import END, table_of
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.model import CAMERA, EFFECT, LEVER_ARM, ParameterId
-from corridor.core.adjustment.observation_table import observation_table
 from corridor.core.adjustment.parameters import Found, Parameters
 from corridor.core.adjustment.point_quality import quality
 from corridor.core.adjustment.reliability import Reliability
@@ -33,6 +33,9 @@ from corridor.core.preparation import FRAME
 HIGH_CORRELATION = 0.95
 _IN_PIXELS = ("f", "cx", "cy")
 _PART = 1 << 20  # observations that are looked at together
+_METRES = ("rms_x_m", "rms_y_m", "rms_z_m")
+_DEGREES = ("rms_roll_deg", "rms_pitch_deg", "rms_yaw_deg")
+_COLUMNS = ("count", "outliers", "gross", "rms_px", *_METRES)
 
 
 class Tables(Checked):
@@ -263,7 +266,7 @@ class Tables(Checked):
         out), rms_px (an axis; NaN of positions), rms_x_m, rms_y_m, rms_z_m (NaN of image points),
         sigma0.
         """
-        return observation_table(self.statistics)
+        return _observation_table(self.statistics)
 
     @cached_property
     def statistics(self) -> dict[str, dict]:
@@ -564,6 +567,25 @@ class Tables(Checked):
         table[["s_dx", "s_dy", "s_dz"]] = np.hypot(own, surveyed)
         table["rays"] = np.diff(p.ptr)[index]
         return with_units(table, {"m": "dx dy dz sx sy sz s_dx s_dy s_dz"})
+
+
+def _observation_table(statistics: Mapping[str, Mapping]) -> pd.DataFrame:
+    """Counts, RMS and sigma naught: a row for each kind that has any observation.
+
+    statistics: as in adjustment.json; rms is one number in px, or three in metres, of attitudes in
+    degrees, whose columns are there where there are any.
+    """
+    rows = {}
+    for kind, found in statistics.items():
+        if found:
+            rms = np.atleast_1d(found["rms"])
+            unit = ("rms_px",) if len(rms) == 1 else _DEGREES if kind == "attitude" else _METRES
+            rows[kind] = {**found, **dict(zip(unit, rms, strict=True))}
+    table = pd.DataFrame.from_dict(rows, orient="index").reindex(
+        columns=[*_COLUMNS, *_DEGREES * ("attitude" in rows), "sigma0"]
+    )
+    table = table.fillna({"gross": 0}).astype({"count": int, "outliers": int, "gross": int})
+    return table.rename_axis("kind")
 
 
 def skew(by: np.ndarray, x: np.ndarray, y: np.ndarray) -> list[np.ndarray]:

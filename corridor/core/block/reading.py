@@ -136,19 +136,7 @@ def _read_csv(path: Path, layout: Layout) -> pd.DataFrame:
 
 def _read_utf8(path: Path, layout: Layout) -> pd.DataFrame:
     header, passed = _header(path)
-    missing = [name for name in layout.needed if name not in header]
-    if missing:
-        if len(header) == 1 and any(mark in header[0] for mark in ";\t"):
-            raise InputError(
-                f"{path.name}, row 1: the cells are not separated by commas; save the file "
-                "comma separated, with decimal points"
-            )
-        raise InputError(missing_columns(path.name, missing, header))
-    twice = [name for name in header if name and header.count(name) > 1]
-    if twice:
-        raise InputError(
-            f"{path.name}, row 1: column {twice[0]} is there twice; rename or delete one"
-        )
+    _check_names(path, layout, header, f"{path.name}, row 1")
     names = [name or f"{_UNNAMED}{index}" for index, name in enumerate(header)]
     if pa is None:
         return _read_plainly(path, layout, names)
@@ -208,6 +196,21 @@ def _read_plainly(path: Path, layout: Layout, names: list[str]) -> pd.DataFrame:
         else:
             columns[name] = text
     return pd.DataFrame(columns, copy=False)
+
+
+def _check_names(path: Path, layout: Layout, names: list[str], where: str) -> None:
+    """Refuse a table without a column that it needs, or with one that is there twice."""
+    missing = [name for name in layout.needed if name not in names]
+    if missing:
+        if len(names) == 1 and any(mark in names[0] for mark in ";\t"):
+            raise InputError(
+                f"{where}: the cells are not separated by commas; save the file comma separated, "
+                "with decimal points"
+            )
+        raise InputError(missing_columns(path.name, missing, names))
+    twice = [name for name in names if name and names.count(name) > 1]
+    if twice:
+        raise InputError(f"{where}: column {twice[0]} is there twice; rename or delete one")
 
 
 def _nameless(path: Path, index: int) -> InputError:
@@ -352,15 +355,7 @@ def _read_parquet(path: Path, layout: Layout) -> pd.DataFrame:
                     f"{path.name} says that it has {rows:,} rows, more than bytes: it holds "
                     "nothing but repetition; write it again"
                 )
-            names = file.schema_arrow.names
-            missing = [name for name in layout.needed if name not in names]
-            if missing:
-                raise InputError(missing_columns(path.name, missing, names))
-            twice = [name for name in names if names.count(name) > 1]
-            if twice:
-                raise InputError(
-                    f"{path.name}: column {twice[0]} is there twice; rename or delete one"
-                )
+            _check_names(path, layout, file.schema_arrow.names, path.name)
             for field in file.schema_arrow:
                 if field.name in layout.listed:
                     _check_type(path, field)

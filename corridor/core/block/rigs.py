@@ -27,6 +27,7 @@ from corridor.core.geometry import (
     quaternion_from_rotation,
     rotation_from_quaternion,
 )
+from corridor.core.textfile import is_number
 
 EXPOSURE = "exposure"
 _KEYS = ("xyz", "quaternion", "sigma_m", "sigma_deg")
@@ -96,10 +97,7 @@ def _check_member(where: str, table: object) -> None:
         if key not in table:
             continue
         numbers = np.atleast_1d(np.asarray(table[key], dtype=object))
-        good = len(numbers) in sizes and all(
-            isinstance(n, int | float) and not isinstance(n, bool) and np.isfinite(n)
-            for n in numbers
-        )
+        good = len(numbers) in sizes and all(map(is_number, numbers))
         if not good or (key.startswith("sigma") and min(numbers) < 0):
             size = " or ".join(map(str, sizes))
             raise InputError(f"{where}: {key} = {table[key]!r} is not {size} numbers"

@@ -5,7 +5,6 @@ import math
 import os
 import sys
 import textwrap
-import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
@@ -298,25 +297,6 @@ def announce_compilation(how_long: str, kernel: str = "") -> None:
             pass
 
     event.register("numba:compile", Once())
-
-
-class Line:
-    """One line of news that the next one replaces; on a terminal only, after two seconds."""
-
-    def __init__(self):
-        self.begun, self.shown = time.monotonic(), 0
-
-    def __call__(self, text: str) -> None:
-        """Show a text in place of the one before."""
-        if sys.stderr.isatty() and time.monotonic() - self.begun > 2.0:
-            print(f"\r{text:<{self.shown}}", end="", file=sys.stderr, flush=True)
-            self.shown = len(text)
-
-    def clear(self) -> None:
-        """Take the line away."""
-        if self.shown:
-            print("\r" + " " * self.shown, end="\r", file=sys.stderr, flush=True)
-            self.shown = 0
 
 
 class BlockBar:

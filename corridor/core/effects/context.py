@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -162,6 +162,11 @@ def _middle(values: np.ndarray) -> float:
     return float((known.min() + known.max()) / 2) if len(known) else 0.0
 
 
+def _of_image(name: str, told: str) -> Any:
+    """What a context says of the image of each row."""
+    return property(lambda context: getattr(context.images, name)[context.image], doc=told)
+
+
 class Context:
     """What an effect may look at: one row for each thing that it moves.
 
@@ -192,6 +197,15 @@ class Context:
         self.pixel, self.ray, self._row = cast(np.ndarray, pixel), cast(np.ndarray, ray), row
         self.point, self._position = cast(list[str], point), position
         self.distance, self.length = distance, cast(np.ndarray, length)
+
+    # Of the image of each row.
+    size: np.ndarray = _of_image("size", "Width and height (rows, 2) of the picture, px.")
+    interior: np.ndarray = _of_image("interior", "Interior vector (rows, 15) of its camera.")
+    temperature: np.ndarray = _of_image("temperature", "Degrees Celsius (rows,).")
+    velocity: np.ndarray = _of_image("velocity", "Of the camera centre (rows, 3), m/s, world.")
+    angular_rate: np.ndarray = _of_image("angular_rate", "(rows, 3), rad/s, in the camera frame.")
+    rotation: np.ndarray = _of_image("rotation", "Rotation (rows, 3, 3), world to camera.")
+    centre: np.ndarray = _of_image("centre", "Camera centre (rows, 3), m, world.")
 
     def __len__(self) -> int:
         if self.distance is not None:
@@ -240,34 +254,9 @@ class Context:
         return (self.pixel - half) / half.max(axis=1, keepdims=True)
 
     @property
-    def size(self) -> np.ndarray:
-        """Width and height (rows, 2) of the picture, px."""
-        return self.images.size[self.image]
-
-    @property
-    def interior(self) -> np.ndarray:
-        """Interior vector (rows, 15) of the image's camera."""
-        return self.images.interior[self.image]
-
-    @property
     def time(self) -> np.ndarray:
         """Seconds (rows,) since the middle of the block."""
         return self.images.time[self.image] - self.images.mid_time
-
-    @property
-    def temperature(self) -> np.ndarray:
-        """Degrees Celsius (rows,)."""
-        return self.images.temperature[self.image]
-
-    @property
-    def velocity(self) -> np.ndarray:
-        """Velocity of the camera centre (rows, 3), m/s, world."""
-        return self.images.velocity[self.image]
-
-    @property
-    def angular_rate(self) -> np.ndarray:
-        """Angular rate of the camera (rows, 3), rad/s, camera frame."""
-        return self.images.angular_rate[self.image]
 
     def turn(self, begin: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Turn of the camera (rows, 3), rad, and its derivatives by end and begin, rad/s.
@@ -277,16 +266,6 @@ class Context:
         time, record = self.images.time[self.image], self.images.record
         assert record is not None and self.images.gyroscope is not None  # `needs` asks for rates
         return self.images.gyroscope.turn(record[self.image], time + begin, time + end)
-
-    @property
-    def rotation(self) -> np.ndarray:
-        """Rotation (rows, 3, 3), world to camera."""
-        return self.images.rotation[self.image]
-
-    @property
-    def centre(self) -> np.ndarray:
-        """Camera centre (rows, 3), m, world."""
-        return self.images.centre[self.image]
 
     @property
     def height(self) -> np.ndarray:

@@ -149,7 +149,6 @@ def _stamp(function: Callable) -> str:
     return " ".join(hashlib.sha256(Path(file).read_bytes()).hexdigest() for file in sorted(files))
 
 
-@cache
 # --- a second process ---------------------------------------------------------------------------
 
 

@@ -10,18 +10,15 @@ from corridor.core.gnss.coordinates import (
     outside_area,
     to_local,
 )
-from corridor.core.gnss.exposures import Exposures, on_one_clock
+from corridor.core.gnss.exposures import Exposures
 from corridor.core.gnss.formats.exif import names_in, of_photographs
+from corridor.core.gnss.frames import FRAME as LOCAL_FRAME
 from corridor.core.gnss.frames import (
     about_the_middle,
     grid_distortion,
-    height_unit,
-    in_metres,
     in_world,
     local_of,
-    local_table,
-    metric,
-    moved,
+    places_of,
     world_crs,
 )
 from corridor.core.gnss.interpolation import (
@@ -36,6 +33,7 @@ from corridor.core.gnss.interpolation import (
 )
 from corridor.core.gnss.reading import read_exposures, read_track
 from corridor.core.gnss.slow_noise import SlowNoise
+from corridor.core.gnss.time import DAY_S, days_between
 from corridor.core.gnss.track import GEOCENTRIC, GEOGRAPHIC, Track, check_quality
 from corridor.core.registry import offered
 

@@ -25,11 +25,10 @@ from corridor.core.output.files import (
     write_picture,
 )
 from corridor.core.output.gis import (
+    LOCAL_CRS,
     Layer,
     check_gis,
-    on_north_grid,
     write_geopackage,
-    write_geotiff,
     write_las,
 )
 from corridor.core.output.json import json_text, plain
@@ -48,8 +47,7 @@ from corridor.core.output.numbers import (
     significant,
     times,
 )
-from corridor.core.output.pages import Report, numbered, page, page_with
-from corridor.core.output.paper import embedded, pdf, taken_from
+from corridor.core.output.pages import Report, numbered, page
 from corridor.core.output.progress import Progress, silent, telling
 from corridor.core.output.table import WIDTH, Link, Table
 from corridor.core.output.units import UnitTable, named_with_units, with_units

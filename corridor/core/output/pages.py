@@ -127,11 +127,6 @@ def page(title: str, body: Sequence[str], style: str) -> str:
     )
 
 
-def page_with(made: str, record: str) -> str:
-    """A page that carries a record for programs, which nobody sees."""
-    return made.replace("</head>", f"<!-- {record} -->\n</head>", 1)
-
-
 def _figure(name: str, caption: str, png: bytes) -> str:
     data = base64.b64encode(png).decode("ascii")
     return (

@@ -4,7 +4,6 @@ The one reader of EXIF and XMP; it knows no block. A new source is a module besi
 `maker_note`, asked by `metadata`.
 """
 
-from corridor.core.photographs.focal import StatedFocal, stated_focal
 from corridor.core.photographs.metadata import (
     SUFFIXES,
     Metadata,
@@ -16,10 +15,11 @@ from corridor.core.photographs.opening import FAULTS, MOST_PIXELS, fault, open_p
 from corridor.core.photographs.published import (
     GlobalShutter,
     PublishedReadout,
-    compared,
     global_shutter,
     of_picture,
+    plain_name,
     published_readouts,
+    published_table,
 )
 
 __all__ = [
@@ -29,15 +29,14 @@ __all__ = [
     "GlobalShutter",
     "Metadata",
     "PublishedReadout",
-    "StatedFocal",
     "Taken",
-    "compared",
     "fault",
     "global_shutter",
     "of_picture",
     "open_picture",
     "photographs_in",
+    "plain_name",
     "published_readouts",
+    "published_table",
     "read_metadata",
-    "stated_focal",
 ]

@@ -16,7 +16,6 @@ _TABLE, _GLOBAL = "published_readout_times.csv", "global_shutters.csv"
 _EXPOSED = 0.99
 # A picture has the shape, the number of pixels of a mode within these.
 _SHAPE, _PIXELS = 0.02, 0.1
-_FAR = 0.2  # of the nearest published value: further off is worth a word
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ def _global_table() -> dict[str, GlobalShutter]:
         for row in csv.DictReader(_lines(_GLOBAL))
     ]  # fmt: skip
     return {
-        _plain(name): row
+        plain_name(name): row
         for row in rows
         for called in (row.model, row.product)
         for name in (called, f"{row.make} {called}")
@@ -81,7 +80,7 @@ def global_shutter(camera: str) -> GlobalShutter | None:
 
     camera: as EXIF or a person writes it ("DJI FC6310R", "Phantom 4 RTK").
     """
-    return _global_table().get(_plain(camera))
+    return _global_table().get(plain_name(camera))
 
 
 def _lines(table: str) -> list[str]:
@@ -111,12 +110,12 @@ def published_readouts(camera: str) -> list[PublishedReadout]:
     camera: as EXIF or a person writes it ("Hasselblad L1D-20c", "mavic 2 pro"); case, blanks
     and dashes do not matter.
     """
-    words = [_plain(word) for word in re.split(r"[\s,]+", camera) if _plain(word)]
+    words = [plain_name(word) for word in re.split(r"[\s,]+", camera) if plain_name(word)]
     if not words:
         return []
     found = []
     for row in published_table():
-        whole = _plain(f"{row.make}{row.model}{row.mode}")
+        whole = plain_name(f"{row.make}{row.model}{row.mode}")
         if all(word in whole for word in words):
             found.append(row)
     return found
@@ -157,31 +156,6 @@ def _fit(mode: str, width: int, height: int) -> int:
     return 3
 
 
-def compared(make: str, model: str, readout_ms: float) -> tuple[list[PublishedReadout], str | None]:
-    """Published values of the camera that took a photograph, and a warning where all are far.
-
-    make, model: from EXIF; empty: nothing is known.
-    """
-    if not model:
-        return [], None
-    wanted = _plain(model)
-    found = [
-        row
-        for row in published_table()
-        if _plain(row.model) == wanted
-        and (not make or _plain(row.make) in _plain(make) or _plain(make) in _plain(row.make))
-    ]
-    if not found:
-        return [], None
-    nearest = min(found, key=lambda row: abs(row.readout_ms / readout_ms - 1))
-    if abs(nearest.readout_ms / readout_ms - 1) <= _FAR:
-        return found, None
-    return found, (
-        f"the nearest published readout time of a {model} is {nearest.readout_ms:g} ms "
-        f"({nearest.mode or 'mode not stated'}; {nearest.source}): check speed, picture size and "
-        "mode"
-    )
-
-
-def _plain(text):
+def plain_name(text: str) -> str:
+    """A name without case, blanks and dashes."""
     return re.sub(r"[^a-z0-9]+", "", text.lower())

@@ -1,6 +1,6 @@
 """What a block can know by itself: velocities, angular rates, antenna positions."""
 
-from corridor.core.preparation.angular_rate import rates_from_gyro, rates_from_neighbours
+from corridor.core.preparation.angular_rate import rates_from_neighbours
 from corridor.core.preparation.half_turns import (
     quarters_of,
     turned_back,
@@ -35,4 +35,4 @@ from corridor.core.preparation.record import (
 from corridor.core.preparation.record import record as record_derived
 from corridor.core.preparation.smoothing import rounding, unrounded
 from corridor.core.preparation.strips import strips_of, track_runs
-from corridor.core.preparation.velocity import METHODS, Velocities, velocities
+from corridor.core.preparation.velocity import METHODS, Velocities, times, velocities

@@ -8,6 +8,7 @@ Source: the least-squares rotation in a plane (Helmert; Umeyama 1991, in two dim
 """
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,23 +28,41 @@ _MOST = 0.4
 _NAMED = 5
 
 
+class AsPosed(NamedTuple):
+    """Image points whose pose and point have start values, the point ahead of the camera.
+
+    image (n,); pixel (n, 2), measured; ray (n, 2): where the start values put it, at unit focal
+    length.
+    """
+
+    image: np.ndarray
+    pixel: np.ndarray
+    ray: np.ndarray
+
+
+def as_posed(block: Block, table: str, step: int = 1) -> AsPosed:
+    """Of the image points of a table every so-many-th."""
+    rows = getattr(block, table)
+    image = block.image_rows(table)[::step]
+    pose, point = block.poses[image], block.positions(table)[rows["point"].array.codes[::step]]
+    known = np.flatnonzero(np.isfinite(pose).all(axis=1) & np.isfinite(point).all(axis=1))
+    pose, away = pose[known], point[known] - pose[known, :3]
+    seen = np.einsum("nij,nj->ni", rotation_from_quaternion(pose[:, 3:]), away)
+    ahead = seen[:, 2] > 0
+    known, seen = known[ahead], seen[ahead]
+    pixel = np.stack([rows[axis].to_numpy(float)[::step][known] for axis in "xy"], axis=1)
+    return AsPosed(image[known], pixel, seen[:, :2] / seen[:, 2:])
+
+
 def turned_by(block: Block) -> np.ndarray:
     """Angle (images,), degrees, by which the measurements of each image are turned in its picture
     against its start pose, clockwise as seen; 0 where by less than that of any rough start, or
     where start values do not tell."""
-    rows, count = block.tie_points, len(block.images)
+    count = len(block.images)
     out = np.zeros(count)
-    step = max(len(rows) // max(_ENOUGH * count, 1), 1)
-    image = block.image_rows("tie_points")[::step]
-    pose = block.poses[image]
-    point = block.positions("tie_points")[rows["point"].array.codes[::step]]
-    known = np.isfinite(pose).all(axis=1) & np.isfinite(point).all(axis=1)
-    image, pose, point = image[known], pose[known], point[known]
-    seen = np.einsum("nij,nj->ni", rotation_from_quaternion(pose[:, 3:]), point - pose[:, :3])
-    ahead = seen[:, 2] > 0
-    image, seen = image[ahead], seen[ahead]
-    z = (rows["x"].to_numpy(float) + 1j * rows["y"].to_numpy(float))[::step][known][ahead]
-    w = (seen[:, 0] + 1j * seen[:, 1]) / seen[:, 2]
+    step = max(len(block.tie_points) // max(_ENOUGH * count, 1), 1)
+    image, *both = as_posed(block, "tie_points", step)
+    z, w = (xy[:, 0] + 1j * xy[:, 1] for xy in both)
     number = np.bincount(image, minlength=count)
     z, w = (one - (_sums(image, one, count) / np.maximum(number, 1))[image] for one in (z, w))
     across = _sums(image, z * w.conj(), count)

@@ -16,10 +16,9 @@ from corridor.core.geometry import (
     GROSS,
     is_outlier,
     robust_scale_of_lengths,
-    rotation_from_quaternion,
 )
 from corridor.core.output import counted
-from corridor.core.preparation.half_turns import turned_images
+from corridor.core.preparation.half_turns import as_posed, turned_images
 from corridor.core.preparation.plausibility_of_motion import motion_warnings
 from corridor.core.preparation.plausibility_on_earth import earth_warnings
 
@@ -243,23 +242,9 @@ def _outside(block, camera, mine, pixels) -> str:
 def mirrored(block: Block) -> Iterator[str]:
     """A sentence on axes of the image coordinates that no pose of a camera makes of the others, as
     start values tell."""
-    rows = block.tie_points
-    step = max(len(rows) // 2000, 1)
-    image = block.image_rows("tie_points")[::step]
-    pose = block.poses[image]
-    point = block.positions("tie_points")[rows["point"].array.codes[::step]]
-    known = np.isfinite(pose).all(axis=1) & np.isfinite(point).all(axis=1)
-    if known.sum() < _LEAST_COUNT:
-        return
-    image, pose, point = image[known], pose[known], point[known]
-    rotation = rotation_from_quaternion(pose[:, 3:])
-    seen = np.einsum("nij,nj->ni", rotation, point - pose[:, :3])
-    ahead = seen[:, 2] > 0
-    every = np.stack([rows[axis].to_numpy(float)[::step] for axis in "xy"], axis=1)
-    measured = every[known][ahead]
+    _, measured, ray = as_posed(block, "tie_points", max(len(block.tie_points) // 2000, 1))
     if len(measured) < _LEAST_COUNT:
         return
-    ray = seen[ahead, :2] / seen[ahead, 2:]
     with np.errstate(invalid="ignore"):  # a coordinate that never varies goes with nothing
         (xu, xv), (yu, yv) = np.corrcoef(measured.T, ray.T)[:2, 2:]
     if xu > _CLEAR and yv < -_CLEAR:
@@ -325,27 +310,21 @@ def _beside(block: Block, table: str) -> np.ndarray:
 
 def _marks_of_other_pictures(block: Block) -> Iterator[str]:
     """A sentence on marks of other pictures, with the way to correct them."""
-    rows, image = block.marks, block.image_rows("marks")
-    if len(rows) < _FEWEST:
+    if len(block.marks) < _FEWEST:
         return
-    pose, point = block.poses[image], block.positions("marks")[rows["point"].array.codes]
+    image, measured, ray = as_posed(block, "marks")
+    if len(image) < _FEWEST:
+        return
     camera = block.image_camera[image]
     lens = np.array([c.interior for c in block.cameras.values()])
     lens[:, 3:-1] = 0.0
-    sizes = np.array([[c.width, c.height] for c in block.cameras.values()])[camera]
-    known = np.isfinite(pose).all(axis=1) & np.isfinite(point).all(axis=1)
-    rotation = rotation_from_quaternion(np.where(known[:, None], pose[:, 3:], [1.0, 0, 0, 0]))
-    seen = np.einsum("nij,nj->ni", rotation, point - pose[:, :3])
-    known &= np.nan_to_num(seen[:, 2]) > 0
-    if known.sum() < _FEWEST:
-        return
+    size = np.array([[c.width, c.height] for c in block.cameras.values()])[camera]
     # From the corner of the picture, half a pixel before its first pixel's centre.
-    measured = block.numbers("marks", "x", "y")[known] + 0.5
-    there = project_rays(seen[known, :2] / seen[known, 2:], lens, camera[known]) + 0.5
+    measured = measured + 0.5
+    there = project_rays(ray, lens, camera) + 0.5
     factor = float(np.median(measured / there))
     off = np.median(np.linalg.norm(measured - there, axis=1))
     left = np.median(np.linalg.norm(measured - factor * there, axis=1))
-    size = sizes[known]
     for words, other in (
         ("y were counted upwards", np.column_stack([measured[:, 0], size[:, 1] - measured[:, 1]])),
         ("the pictures were turned by 180 degrees", size - measured),

@@ -74,20 +74,21 @@ def _disordered(block: Block) -> Iterator[str]:
         if len(mine) < _FEWEST:
             continue
         by_time = mine[np.argsort(time[mine], kind="stable")]
-        way = _way(centre[by_time])
+        way = way_length(centre[by_time])
         # Of a river the names take long to sort: drones fly straight on from most images.
         if not way > _TO_AND_FRO * float(np.linalg.norm(np.ptp(centre[mine], axis=0))):
             continue
-        by_name = np.array(sorted(mine, key=lambda n: _key(names[n])))
-        if way > _TO_AND_FRO * _way(centre[by_name]):
+        by_name = way_length(centre[sorted(mine, key=lambda n: _key(names[n]))])
+        if way > _TO_AND_FRO * by_name:
             yield (
                 f"images.csv: in the order of time_s, flight {called} jumps to and fro over "
                 f"{way / 1000:.2g} km; in the order of the image names it is "
-                f"{_way(centre[by_name]) / 1000:.2g} km long. Do images have each other's times?"
+                f"{by_name / 1000:.2g} km long. Do images have each other's times?"
             )
 
 
-def _way(centre: np.ndarray) -> float:
+def way_length(centre: np.ndarray) -> float:
+    """Length of the way along places (n, 3)."""
     return float(np.linalg.norm(np.diff(centre, axis=0), axis=1).sum())
 
 

@@ -173,10 +173,8 @@ def _velocities(block: Block, flown: Antenna | None) -> None:
         f"{' and '.join(sources)}{regular}: sigma {np.median(several):.2g} m/s (median), "
         f"{several.max():.2g} m/s (largest)."
     )
-    for axis in VELOCITY:
-        record(
-            block, f"images.{axis}", " and ".join(sources), several, text, witnesses=[witness]
-        )  # fmt: skip
+    columns = [f"images.{axis}" for axis in VELOCITY]
+    record(block, columns, " and ".join(sources), several, text, witnesses=[witness])
 
 
 def _as_flown(block: Block, sources: list[str]) -> Witness:
@@ -245,9 +243,8 @@ def _rates(block: Block) -> None:
     if not known.any():
         return
     block.put("images", RATES, out)
-    for axis in RATES:
-        record(
-            block, f"images.{axis}", "rates.csv", None,
-            f"Angular rates of {int(known.sum())} of {len(out)} images are those of rates.csv at "
-            "their times.",
-        )  # fmt: skip
+    record(
+        block, [f"images.{axis}" for axis in RATES], "rates.csv", None,
+        f"Angular rates of {int(known.sum())} of {len(out)} images are those of rates.csv at "
+        "their times.",
+    )  # fmt: skip

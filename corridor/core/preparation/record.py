@@ -80,14 +80,14 @@ def derived(block: Block) -> list[Derived]:
 
 def record(
     block: Block,
-    column: str,
+    column: str | Iterable[str],
     source: str,
     sigma: np.ndarray | None,
     text: str,
     frame: str = "",
     witnesses: Iterable[Witness] = (),
 ) -> None:
-    """Write into the block that a column is derived; see `Derived` for the words.
+    """Write into the block that a column is derived, or some; see `Derived` for the words.
 
     sigma: standard deviations of any shape; None: unknown.
     """
@@ -100,7 +100,8 @@ def record(
     told = [_entry(one) for one in witnesses]
     if told:
         entry["witnesses"] = told
-    block.extra[_TABLE] = {**block.extra.get(_TABLE, {}), column: entry}
+    columns = [column] if isinstance(column, str) else column
+    block.extra[_TABLE] = {**block.extra.get(_TABLE, {}), **{one: dict(entry) for one in columns}}
 
 
 def _entry(witness: Witness) -> dict[str, str]:

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.block import Block
+from corridor.core.preparation.plausibility_of_motion import way_length
 
 # Two ways together are at most this share of the one. A single drone's cannot be: each of two ways
 # along one strip is as long as the strip. Where drones fly side by side, nearer to each other than
@@ -127,7 +128,7 @@ def _holds(place: np.ndarray, track: np.ndarray) -> bool:
     if not 1 < len(each) <= _MOST_TRACKS or jumps < _LEAST_JUMPS or each.min() < _LEAST:
         return False
     ways = [place[track == one] for one in range(len(each))]
-    share = sum(map(_length, ways)) / max(_length(place), 1e-9)
+    share = sum(map(way_length, ways)) / max(way_length(place), 1e-9)
     reverses = _turning(place) < 0 and min(map(_turning, ways)) > _STRAIGHT
     return share < _SHORTER or share < _HARDLY and reverses
 
@@ -137,10 +138,6 @@ def _turning(place):
     step = np.diff(place, axis=0)
     step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9)
     return float(np.median((step[1:] * step[:-1]).sum(axis=1)))
-
-
-def _length(place):
-    return float(np.linalg.norm(np.diff(place, axis=0), axis=1).sum())
 
 
 def _shortest_two(place: np.ndarray) -> np.ndarray:

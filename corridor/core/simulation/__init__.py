@@ -1,6 +1,6 @@
 """Blocks of corridor flights that nobody flew: from a flight plan, with the truth beside them."""
 
-from corridor.core.simulation.fly import reach
+from corridor.core.simulation.fly import bank_of, strips_of
 from corridor.core.simulation.noise import add_noise
 from corridor.core.simulation.plan import (
     CAMLIGHT,

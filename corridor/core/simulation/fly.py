@@ -140,32 +140,6 @@ def strips_of(flight: Flight, camera: Camera, axis: Axis) -> Strips:
     return Strips(count, base, offset, (begin + end - length) / 2, length, speed)
 
 
-def reach(plan: Plan) -> tuple[float, float, float]:
-    """First and last station (m) that all flights cover, and the bank's distance from the axis.
-
-    Where no station is common to all flights, from the first to the last of any. The bank is
-    `Ground.offset_m`, or what follows from the narrowest pictures in place of it.
-    """
-    begin, end = [], []
-    # Flights along lines of their own cover what the others do, or nothing tells what that is.
-    along = [flight for flight in plan.flights if flight.axis_m is None]
-    for flight in along or plan.flights:
-        strips = strips_of(flight, plan.camera(flight), plan.axis_of(flight))
-        if not along:
-            line = plan.axis_of(flight)
-            seen = line.at(np.linspace(0.0, line.length, 50))[0]
-            station = plan.axis.nearest(seen)
-            begin.append(float(station.min()))
-            end.append(float(station.max()))
-            continue
-        begin.append(float(np.min(strips.first)))
-        end.append(float(np.max(strips.first + strips.length)))
-    first, last = max(begin), min(end)
-    if not last > first:
-        first, last = min(begin), max(end)
-    return first, last, bank_of(plan)
-
-
 def bank_of(plan: Plan) -> float:
     """Distance (m) of the surveyed banks from the axis."""
     if plan.ground.offset_m is not None:

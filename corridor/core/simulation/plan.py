@@ -96,8 +96,7 @@ class Flight:
             raise InputError(f"a flight cannot be called {self.name!r}: give letters and digits")
         say = _Checker(f"flight {self.name}", self)
         say.at_least(1, "strips")
-        if self.strips > _MOST_STRIPS:
-            say.fail(f"strips = {self.strips} are more than {_MOST_STRIPS}: fly fewer")
+        say.at_most(_MOST_STRIPS, "strips", told="are more than {most}: fly fewer")
         heights = self.heights
         if heights.shape != (self.strips,):
             say.fail(f"height_m gives {len(heights)} heights for {self.strips} strips")
@@ -215,9 +214,7 @@ class Ground:
         say = _Checker("ground", self)
         say.at_least(0, "control", "check", "check_from_ties", "offset_m", "bars")
         say.one_of("layout", *LAYOUTS)
-        for key in ("control", "check"):
-            if getattr(self, key) > MOST_SURVEYED:
-                say.fail(f"{key} = {getattr(self, key)} is more than {MOST_SURVEYED} points")
+        say.at_most(MOST_SURVEYED, "control", "check", told="is more than {most} points")
         say.positive("every_m", "within_m", "bar_m")
 
 
@@ -243,9 +240,7 @@ class Noise:
         say = _Checker("noise", self)
         say.at_least(0, "tie_px", "mark_px", "gnss_m", "control_m", "distance_m", "attitude_deg")
         say.at_least(0, "rounding_px", "outliers", "gnss_slow")
-        for key in ("outliers", "gnss_slow"):
-            if getattr(self, key) > 1:
-                say.fail(f"{key} = {getattr(self, key):g} is a share: give 0 to 1")
+        say.at_most(1, "outliers", "gnss_slow", told="is a share: give 0 to 1")
         say.positive("gnss_slow_s")
         for key, count in (("image_rho", 1), ("gnss_rho", 3), ("control_rho", 3)):
             rho = np.asarray(getattr(self, key), dtype=float)
@@ -546,6 +541,11 @@ class _Checker:
         for key, value in self._given(keys):
             if not np.all(np.asarray(value, dtype=float) >= least):
                 self.fail(f"{key} = {value} is below {least:g}")
+
+    def at_most(self, most: float, *keys: str, told: str) -> None:
+        for key, value in self._given(keys):
+            if value > most:
+                self.fail(f"{key} = {value:.10g} {told.format(most=most)}")
 
     def positive(self, *keys: str) -> None:
         for key, value in self._given(keys):

@@ -8,5 +8,9 @@ from corridor.interface.report.adjustment import (
     save_adjustment,
     steps,
 )
+from corridor.interface.report.gis import write_gis
 
-__all__ = ["CAPTIONS", "adjustment_dict", "doubted", "of_adjustment", "save_adjustment", "steps"]
+__all__ = [
+    "CAPTIONS", "adjustment_dict", "doubted", "of_adjustment", "save_adjustment", "steps",
+    "write_gis",
+]  # fmt: skip

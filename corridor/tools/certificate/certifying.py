@@ -18,7 +18,8 @@ from corridor.core.block import Block, files_of, read
 from corridor.core.brief import brief
 from corridor.core.effects import Effect, find
 from corridor.core.errors import InputError
-from corridor.core.output import Report, Table, embedded, page_with, pdf, plain, whole_files
+from corridor.core.output import Report, Table, plain, whole_files
+from corridor.tools.certificate.paper import embedded, pdf
 from corridor.tools.certificate.statement import Statement, Subject
 
 MARK = "corridor-certificate:"
@@ -68,7 +69,9 @@ class Certificate:
     def html(self) -> bytes:
         """One page of HTML, to be printed too, that needs no other file."""
         kept = embedded(self._record, MARK)
-        return page_with(self.report.page(self.pictures), kept).encode("utf-8")
+        page = self.report.page(self.pictures)
+        # For programs: nobody sees it.
+        return page.replace("</head>", f"<!-- {kept} -->\n</head>", 1).encode("utf-8")
 
     @property
     def pdf(self) -> bytes:

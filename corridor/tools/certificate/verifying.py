@@ -10,8 +10,9 @@ from typing import Any
 
 from corridor.core.brief import brief
 from corridor.core.errors import InputError, WorkFailed
-from corridor.core.output import counted, plain, taken_from
+from corridor.core.output import counted, plain
 from corridor.tools.certificate.certifying import MARK, NAMES, certify, hashes, model_of, software
+from corridor.tools.certificate.paper import taken_from
 
 
 @brief

@@ -19,19 +19,18 @@ from corridor.core.output import (
     Report,
     Table,
     files_in,
-    on_north_grid,
     significant,
     times,
     whole_folder,
     write_csv,
     write_geopackage,
-    write_geotiff,
     write_json,
     write_las,
     write_picture,
 )
 from corridor.tools.change.explanation import Explanation
 from corridor.tools.change.points import PointChanges
+from corridor.tools.change.raster import on_north_grid, write_geotiff
 from corridor.tools.change.sentence import lower, millimetres, remedies, verdict_sentence
 from corridor.tools.change.signature import SHOWN_LOG_EVIDENCE
 from corridor.tools.change.surface import SurfaceChange, Volume

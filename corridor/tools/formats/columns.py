@@ -15,7 +15,8 @@ import pyarrow.compute as pc
 import pyarrow.csv
 
 from corridor.core.errors import InputError
-from corridor.core.textfile import Following, Line, filled, missing, unpacked
+from corridor.core.textfile import Line, missing, unpacked
+from corridor.tools.formats.textfile import Following, filled
 
 _CHUNK = 1 << 22  # bytes: little enough to stay in the processor's cache
 _PLAIN = b"0123456789+-.eE \t\r\n"

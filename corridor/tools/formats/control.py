@@ -23,10 +23,17 @@ from corridor.core.geometry import (
     rotation_from_quaternion,
     similarity,
 )
-from corridor.core.gnss import GEOGRAPHIC, Local, convert, known_crs, local_of, local_table
+from corridor.core.gnss import (
+    GEOGRAPHIC,
+    Local,
+    convert,
+    known_crs,
+    local_of,
+)
 from corridor.core.photographs import Metadata
 from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness, unit_of
 from corridor.tools.formats.faults import blaming
+from corridor.tools.formats.frames import local_table
 from corridor.tools.formats.ground import Ground, add_to, called_as_marked, in_frame, read_ground
 from corridor.tools.formats.plausible import refusal
 from corridor.tools.formats.project import Project

@@ -17,12 +17,14 @@ import pandas as pd
 from corridor.core.block import LAYOUTS, Block, place, read_columns
 from corridor.core.errors import InputError
 from corridor.core.geometry import similarity
-from corridor.core.gnss import GEOGRAPHIC, convert, height_unit, known_crs, local_of, outside_area
-from corridor.core.textfile import Line, filled, opening, says_number
+from corridor.core.gnss import GEOGRAPHIC, convert, known_crs, local_of, outside_area
+from corridor.core.textfile import Line
+from corridor.tools.formats.frames import height_unit
 from corridor.tools.formats.ground_text import read_text
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.plausible import remedy
 from corridor.tools.formats.project import Project, Views, apart, ground_table
+from corridor.tools.formats.textfile import filled, opening, says_number
 
 _XYZ = ["x", "y", "z"]
 # Points of one name are the same where they lie apart by less than this share of their extent.

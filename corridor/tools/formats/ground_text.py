@@ -16,8 +16,9 @@ import pandas as pd
 from corridor.core.block import ROLES, SIGMAS
 from corridor.core.errors import InputError, did_you_mean
 from corridor.core.gnss import GEOGRAPHIC
-from corridor.core.textfile import Line, filled
+from corridor.core.textfile import Line
 from corridor.tools.formats.project import ground_table
+from corridor.tools.formats.textfile import filled
 
 # What columns are called, without units, accents, blanks and case. Several words for one column
 # are those of receivers, of Metashape, Pix4D and OpenDroneMap, and of English, German, French,

@@ -5,7 +5,8 @@ from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial.distance import pdist, squareform
 
 from corridor.core.block import Block
-from corridor.core.photographs import Metadata, stated_focal
+from corridor.core.photographs import Metadata
+from corridor.tools.formats.focal import stated_focal
 from corridor.tools.formats.heading import east_north
 from corridor.tools.formats.placing import readout_of
 

@@ -28,8 +28,8 @@ from corridor.core.photographs import (
     open_picture,
     photographs_in,
     read_metadata,
-    stated_focal,
 )
+from corridor.tools.formats.focal import stated_focal
 from corridor.tools.formats.heading import east_north
 from corridor.tools.formats.joining import listed, places_apart, why_lost
 from corridor.tools.formats.programs import colmap

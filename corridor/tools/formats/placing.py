@@ -1,7 +1,7 @@
 """Time, place, temperature and gyroscope of a project's images, from photographs or a track."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,7 +12,11 @@ from corridor.core import gnss
 from corridor.core.block import POSE, VELOCITY, Block
 from corridor.core.errors import InputError, some
 from corridor.core.geometry import robust_scale, rotation_from_quaternion, similarity
-from corridor.core.gnss import GEOGRAPHIC, Local, local_of, local_table
+from corridor.core.gnss import (
+    GEOGRAPHIC,
+    Local,
+    local_of,
+)
 from corridor.core.photographs import (
     Metadata,
     global_shutter,
@@ -20,7 +24,6 @@ from corridor.core.photographs import (
     photographs_in,
     published_readouts,
     read_metadata,
-    stated_focal,
 )
 from corridor.core.preparation import (
     AGREES,
@@ -33,6 +36,8 @@ from corridor.core.preparation import (
     velocity_warnings,
 )
 from corridor.tools.formats.control import moved_by
+from corridor.tools.formats.focal import stated_focal
+from corridor.tools.formats.frames import local_table
 from corridor.tools.formats.ground import in_frame
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.project import Project
@@ -135,7 +140,7 @@ def _with_times(project, folder, photos):
                 of_name = zip(gnss.names_in(home, files), map(of_path.get, files), strict=True)
                 rows = part.table["image"].map(dict(of_name))
             parts.append(replace(part, table=part.table.assign(row=rows).dropna(subset=["row"])))
-        exposures = gnss.on_one_clock(parts)
+        exposures = on_one_clock(parts)
     except InputError as error:
         return project.warned(f"no times from the photographs: {error}"), None
     rows = exposures.table["row"].to_numpy(int)
@@ -158,6 +163,30 @@ def _with_times(project, folder, photos):
             extra={**project.block.extra, **dated},
         ),
         replace(exposures, table=table),
+    )
+
+
+def on_one_clock(parts: Sequence[gnss.Exposures]) -> gnss.Exposures:
+    """The exposures of several folders as one, from the day of the first on.
+
+    Raises InputError where their clocks are not of one time system.
+    """
+    first, systems = parts[0], sorted({part.time_system or "not named" for part in parts})
+    if len(parts) == 1:
+        return first
+    if len(systems) > 1:
+        raise InputError(
+            f"the photographs lie in {len(parts)} folders, and their times are in different "
+            f"systems ({', '.join(systems)})"
+        )
+    later = [gnss.DAY_S * gnss.days_between(first.day or "", part.day or "") for part in parts]
+    tables = [part.table.assign(time_s=part.table["time_s"] + s)
+              for part, s in zip(parts, later, strict=True)]  # fmt: skip
+    return replace(
+        first,
+        table=pd.concat(tables, ignore_index=True),
+        notes=tuple(dict.fromkeys(note for part in parts for note in part.notes)),
+        resolution_s=max(part.resolution_s or 0.0 for part in parts) or None,
     )
 
 

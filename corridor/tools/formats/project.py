@@ -14,9 +14,10 @@ from corridor.core.brief import brief
 from corridor.core.camera import Camera
 from corridor.core.errors import InputError, some
 from corridor.core.geometry import quaternion_from_rotation
-from corridor.core.gnss import Local, local_table
+from corridor.core.gnss import Local
 from corridor.core.preparation import Witness, record_derived
 from corridor.tools.formats.cameras import NoModel
+from corridor.tools.formats.frames import local_table
 from corridor.tools.formats.names import numbered
 from corridor.tools.formats.rows import rows_of
 

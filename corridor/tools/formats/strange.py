@@ -5,8 +5,8 @@ from pathlib import Path
 
 from corridor.core.errors import InputError
 from corridor.core.photographs import photographs_in
-from corridor.core.textfile import opening
 from corridor.tools.formats.ground import is_gcp_list
+from corridor.tools.formats.textfile import opening
 
 # Ending -> what it is and what to do. Sentences go on after `PATH is`.
 _ENDINGS = {

@@ -10,7 +10,7 @@ from corridor.core.brief import brief
 from corridor.core.camera import project, undistort
 from corridor.core.effects import Images
 from corridor.core.errors import InputError
-from corridor.core.simulation import Dike, Plan, reach
+from corridor.core.simulation import Dike, Plan, bank_of, strips_of
 
 # Share of the flown length between its ends and the first and last surveyed point.
 _MARGIN = 0.04
@@ -59,6 +59,32 @@ class Surveyed:
     def place(self, plan: Plan, seed: int) -> np.ndarray:
         """Positions (n, 3), metres, on the ground of a plan."""
         return on_the_ground(plan, seed, self.station, self.across)
+
+
+def reach(plan: Plan) -> tuple[float, float, float]:
+    """First and last station (m) that all flights cover, and the bank's distance from the axis.
+
+    Where no station is common to all flights, from the first to the last of any. The bank is
+    `Ground.offset_m`, or what follows from the narrowest pictures in place of it.
+    """
+    begin, end = [], []
+    # Flights along lines of their own cover what the others do, or nothing tells what that is.
+    along = [flight for flight in plan.flights if flight.axis_m is None]
+    for flight in along or plan.flights:
+        strips = strips_of(flight, plan.camera(flight), plan.axis_of(flight))
+        if not along:
+            line = plan.axis_of(flight)
+            seen = line.at(np.linspace(0.0, line.length, 50))[0]
+            station = plan.axis.nearest(seen)
+            begin.append(float(station.min()))
+            end.append(float(station.max()))
+            continue
+        begin.append(float(np.min(strips.first)))
+        end.append(float(np.max(strips.first + strips.length)))
+    first, last = max(begin), min(end)
+    if not last > first:
+        first, last = min(begin), max(end)
+    return first, last, bank_of(plan)
 
 
 def on_the_ground(plan: Plan, seed: int, station, across) -> np.ndarray:

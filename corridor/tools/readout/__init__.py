@@ -6,7 +6,7 @@ print(corridor.readout.readout_from_flight("my_block"))
 """
 
 from corridor.core.photographs import published_readouts
-from corridor.core.preparation import Velocities, rates_from_gyro, rates_from_neighbours, velocities
+from corridor.core.preparation import Velocities, rates_from_neighbours, velocities
 from corridor.core.registry import offered
 from corridor.tools.readout import render
 from corridor.tools.readout.bar import measure_bar
@@ -19,6 +19,7 @@ from corridor.tools.readout.flight_report import (
     save_flight,
     use,
 )
+from corridor.tools.readout.gyroscope import rates_from_gyro
 from corridor.tools.readout.led import measure_led
 from corridor.tools.readout.photograph import CannotMeasure, Photograph
 from corridor.tools.readout.result import Readout, can_save_readout, save_readout

@@ -11,10 +11,11 @@ import numpy as np
 
 from corridor.core.brief import brief
 from corridor.core.output import check_folder, listed_in, whole_folder, write_json
-from corridor.core.photographs import compared
+from corridor.core.photographs import PublishedReadout, plain_name, published_table
 from corridor.tools.readout.photograph import CannotMeasure, Photograph
 
 _RESULT = "readout.json"
+_FAR = 0.2  # of the nearest published value: further off is worth a word
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,3 +130,33 @@ def save_readout(
 def sigma_with_speed(readout_ms: float, own_ms: float, speed_sigma_percent: float) -> float:
     """The sigma of a readout time with that of the speed, which goes in one to one."""
     return float(np.hypot(own_ms, readout_ms * speed_sigma_percent / 100))
+
+
+def compared(make: str, model: str, readout_ms: float) -> tuple[list[PublishedReadout], str | None]:
+    """Published values of the camera that took a photograph, and a warning where all are far.
+
+    make, model: from EXIF; empty: nothing is known.
+    """
+    if not model:
+        return [], None
+    wanted = plain_name(model)
+    found = [
+        row
+        for row in published_table()
+        if plain_name(row.model) == wanted
+        and (
+            not make
+            or plain_name(row.make) in plain_name(make)
+            or plain_name(make) in plain_name(row.make)
+        )
+    ]
+    if not found:
+        return [], None
+    nearest = min(found, key=lambda row: abs(row.readout_ms / readout_ms - 1))
+    if abs(nearest.readout_ms / readout_ms - 1) <= _FAR:
+        return found, None
+    return found, (
+        f"the nearest published readout time of a {model} is {nearest.readout_ms:g} ms "
+        f"({nearest.mode or 'mode not stated'}; {nearest.source}): check speed, picture size and "
+        "mode"
+    )

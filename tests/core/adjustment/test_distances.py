@@ -9,7 +9,7 @@ from dense_jacobian import jacobian
 from strips import corridor_block
 
 import corridor
-from corridor.core.adjustment import Model, make_problem
+from corridor.core.adjustment import Loss, Model, Normal, make_problem
 from corridor.core.adjustment.distances import END, ENDS
 from corridor.core.errors import InputError
 from corridor.diagnosis.bootstrap.replicate_block import counterpart
@@ -61,6 +61,15 @@ def dense(adjusted):
     scale = np.linalg.norm(j, axis=0)
     inverse = np.linalg.pinv(j / scale, rcond=1e-10)
     return (inverse @ inverse.T) / scale[:, None] / scale, j
+
+
+def test_a_cost_without_equations_is_that_of_the_equations_for_wrong_distances_and_a_robust_loss():
+    block = flown(free=False)
+    block.distances.loc[0, "distance"] += 0.5
+    p = make_problem(block, Model(loss="huber:2"))
+    normal = Normal(p, Loss.parse("huber:2"))
+    normal.assemble(p.start, 0.0)
+    assert normal.cost_at(p.start) == (normal.cost, normal.behind)
 
 
 class TestAgainstADenseAdjustment:

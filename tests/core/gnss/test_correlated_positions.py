@@ -6,7 +6,7 @@ import pytest
 
 import corridor
 from corridor.core.block import RHO, correlations, covariances, made_possible, possible
-from corridor.core.gnss import Exposures, about_the_middle, antenna, interpolate, moved, read_track
+from corridor.core.gnss import Exposures, about_the_middle, antenna, interpolate, read_track
 
 HEADER = """% program   : RTKPOST ver.2.4.3
 %  GPST                  e-baseline(m)  n-baseline(m)  u-baseline(m)   Q  ns   sde(m)   sdn(m) \
@@ -81,6 +81,8 @@ def test_axes_that_turn_take_covariances_with_them():
         ),
         crs="EPSG:32631",
     )  # fmt: skip
+    from corridor.tools.formats.frames import moved
+
     made = moved(block, about_the_middle(block), "EPSG:32631")
     before = covariances(block.gnss_sigma(), block.correlation("gnss"))
     after = covariances(made.gnss_sigma(), made.correlation("gnss"))

@@ -6,7 +6,11 @@ from strips import corridor_block
 
 from corridor.core.block import read
 from corridor.core.errors import InputError
-from corridor.core.gnss import Local, grid_distortion, local_table, moved, outside_area
+from corridor.core.gnss import (
+    Local,
+    grid_distortion,
+    outside_area,
+)
 from corridor.core.preparation import plausibility_warnings
 
 PLACE = Local(49.0, 8.5, 0.0)
@@ -14,8 +18,11 @@ PLACE = Local(49.0, 8.5, 0.0)
 
 @pytest.fixture()
 def grid():
+    from corridor.tools.formats.frames import local_table, moved
+
     block = corridor_block(images=12, strips=2).copy()
     block.extra["local_frame"] = local_table(PLACE)
+
     return moved(block, "EPSG:25832")
 
 

@@ -221,7 +221,8 @@ def test_a_block_in_memory_has_no_files_to_name(block):
 
 
 def test_long_tables_go_on_on_the_next_sheet_with_their_heading():
-    from corridor.core.output import Report, Table, pdf
+    from corridor.core.output import Report, Table
+    from corridor.tools.certificate.paper import pdf
 
     rows = tuple((f"P{k}", f"{k}.5") for k in range(200))
     table = Table("Points", ("point", "error"), rows, "lr", ("a note",))

@@ -10,8 +10,12 @@ import pytest
 from made import flown
 
 import corridor
-from corridor.core.gnss import Local, in_world, local_table
+from corridor.core.gnss import (
+    Local,
+    in_world,
+)
 from corridor.tools.change import save
+from corridor.tools.formats.frames import local_table
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,11 @@ import pytest
 from corridor import cli
 from corridor.core.adjustment import adjust
 from corridor.core.block import read
-from corridor.core.gnss import Local, convert, in_world, local_table, moved
+from corridor.core.gnss import (
+    Local,
+    convert,
+    in_world,
+)
 from corridor.core.preparation import plausibility_warnings
 from corridor.core.simulation import Flight, Ground, Noise, Plan, simulate
 from corridor.tools import formats as interchange
@@ -26,6 +30,7 @@ from corridor.tools.formats import (
     read_adjusted,
     read_project,
 )
+from corridor.tools.formats.frames import local_table, moved
 
 PLACE = Local(53.5, 8.2, 0.0)
 

@@ -8,7 +8,7 @@ import pytest
 import corridor
 from corridor.core.camera import Camera, project_rays, undistort
 from corridor.core.errors import InputError
-from corridor.core.textfile import Json, Xml
+from corridor.core.textfile import Xml
 from corridor.tools.formats import export_project, prove, read_project
 from corridor.tools.formats.cameras import NoModel
 from corridor.tools.formats.programs.colmap.cameras import camera_of as colmap_camera
@@ -16,6 +16,7 @@ from corridor.tools.formats.programs.metashape import _camera as metashape_camer
 from corridor.tools.formats.programs.nerfstudio import read as read_nerfstudio
 from corridor.tools.formats.programs.opensfm import camera_of as opensfm_camera
 from corridor.tools.formats.programs.sfm_data import _AliceVision, _OpenMvg
+from corridor.tools.formats.textfile import Json
 
 from .conftest import exact_block
 from .test_round_trips import same_cameras, same_observations, same_poses

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from corridor.core.errors import InputError
-from corridor.core.gnss import Local, local_table, moved
+from corridor.core.gnss import (
+    Local,
+)
 from corridor.tools.formats import (
     Additions,
     add_ground,
@@ -13,6 +15,7 @@ from corridor.tools.formats import (
     import_project,
     read_gcp_list,
 )
+from corridor.tools.formats.frames import local_table, moved
 from corridor.tools.formats.ground import read_ground
 from corridor.tools.formats.ground_text import read_text, role_of
 from corridor.tools.formats.names import Names

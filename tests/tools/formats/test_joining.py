@@ -9,8 +9,9 @@ import pytest
 
 from corridor.core.errors import WorkFailed
 from corridor.core.gnss import Local
-from corridor.core.photographs import Metadata, photographs_in, read_metadata, stated_focal
+from corridor.core.photographs import Metadata, photographs_in, read_metadata
 from corridor.tools.formats import Project, mapping
+from corridor.tools.formats.focal import stated_focal
 from corridor.tools.formats.importing import _straight
 from corridor.tools.formats.joining import bent, why_lost
 

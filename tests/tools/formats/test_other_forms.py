@@ -16,16 +16,14 @@ from corridor.core.errors import InputError
 from corridor.core.gnss import (
     Exposures,
     Local,
-    local_table,
-    metric,
-    on_one_clock,
     read_exposures,
 )
 from corridor.core.photographs import photographs_in
 from corridor.core.preparation import plausibility_warnings
 from corridor.tools.formats import export_project, prove, read_project
+from corridor.tools.formats.frames import local_table, metric
 from corridor.tools.formats.ground import crs_of_line, in_frame
-from corridor.tools.formats.placing import add_photographs
+from corridor.tools.formats.placing import add_photographs, on_one_clock
 
 from .conftest import exact_block
 from .small_projects import block, write_all

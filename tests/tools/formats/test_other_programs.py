@@ -9,8 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_quaternion
-from corridor.core.gnss import Local, local_table, moved
+from corridor.core.gnss import (
+    Local,
+)
 from corridor.tools.formats import Additions, complete, prove, read_project
+from corridor.tools.formats.frames import local_table, moved
 
 from .conftest import exact_block
 

@@ -7,8 +7,12 @@ import pytest
 
 from corridor import cli
 from corridor.core.errors import InputError
-from corridor.core.gnss import Local, local_of, local_table, moved
+from corridor.core.gnss import (
+    Local,
+    local_of,
+)
 from corridor.tools.formats import export_project, prove, read_project
+from corridor.tools.formats.frames import local_table, moved
 
 from .conftest import exact_block
 

@@ -7,9 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from corridor.core.photographs import Metadata, photographs_in, read_metadata, stated_focal
+from corridor.core.photographs import Metadata, photographs_in, read_metadata
 from corridor.tools.formats import Project
 from corridor.tools.formats.delay import delay_of, with_delay_told
+from corridor.tools.formats.focal import stated_focal
 from corridor.tools.formats.importing import Imported, _with_tie_sigma
 from corridor.tools.formats.joining import places_apart
 from corridor.tools.formats.placing import (

@@ -8,6 +8,7 @@ import pandas as pd
 
 from corridor.core.block import Block
 from corridor.core.camera import undistort, without_distortion
+from corridor.core.effects import stated_lever_arms
 from corridor.core.geometry import Rays, rotation_from_quaternion
 
 CENTRE = ["x", "y", "z"]
@@ -72,11 +73,7 @@ class Network:
         self.antenna = np.full((len(pose), 3), np.nan)
         if len(block.gnss):
             self.antenna[block.image_rows("gnss")] = block.gnss[CENTRE].to_numpy(dtype=float)
-        arms = [
-            block.lever_arm.get(flight, block.lever_arm.get("default", (0.0, 0.0, 0.0)))
-            for flight in block.flight_names
-        ]
-        self.arm = np.array(arms, dtype=float)[block.image_flight]
+        self.arm = stated_lever_arms(block)[block.image_flight]
 
     def _take_points(self) -> None:
         block, names = self.block, pd.Index(self.points)

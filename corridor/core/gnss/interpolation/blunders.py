@@ -22,6 +22,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.geometry import OUTLIER, robust_scale
+from corridor.core.gnss.interpolation.segmenting import stated_sigmas
 
 # Two g: multicopters that survey tilt by 35 degrees (0.7 g) and fall by one g at most.
 MOST_M_S2 = 20.0
@@ -41,9 +42,8 @@ def blunder_epochs(track: pd.DataFrame, pieces: pd.DataFrame) -> dict[int, float
     track: time_s, x, y, z (m), optional sx, sy, sz; pieces: of `segments`.
     """
     time, position = (track[c].to_numpy(float) for c in ("time_s", ["x", "y", "z"]))
-    sigma = np.zeros(len(track))
-    if {"sx", "sy", "sz"} <= set(track):
-        sigma = np.nan_to_num(np.linalg.norm(track[["sx", "sy", "sz"]].to_numpy(float), axis=1))
+    stated = stated_sigmas(track)
+    sigma = np.linalg.norm(stated, axis=1)
     found: dict[int, float] = {}
     for piece in pieces.itertuples():
         rows = np.arange(piece.first, piece.last + 1)
@@ -60,15 +60,12 @@ def blunder_epochs(track: pd.DataFrame, pieces: pd.DataFrame) -> dict[int, float
                 break
             found[int(rows[k + 1])] = float(off[k])
             rows = rest
-        found |= _false(time, position, track, rows)
+        found |= _false(time, position, stated, rows)
     return found
 
 
-def _false(time, position, track, rows) -> dict[int, float]:
+def _false(time, position, stated, rows) -> dict[int, float]:
     """Rows that stand out by their own noise and alone, and how far each is off, m."""
-    stated = np.zeros((len(track), 3))
-    if {"sx", "sy", "sz"} <= set(track):
-        stated = np.nan_to_num(track[["sx", "sy", "sz"]].to_numpy(float))
     found: dict[int, float] = {}
     for _ in range(_PASSES):
         if len(rows) < _FEWEST:

@@ -353,9 +353,7 @@ class _Search:
             return value[k]
 
         if name == "share":
-            logs = np.array([at(k) for k in range(len(grid))])
-            likely = np.exp(logs - logs.max())
-            mean = float(likely @ grid / likely.sum())
+            mean = _mean_of([at(k) for k in range(len(grid))], grid)
             # To a hundredth: below that it changes nothing but the time it takes.
             self.now[group] = self.now[group]._replace(share=round(mean, 2))
             return
@@ -375,11 +373,14 @@ class _Search:
         """
         k = int(np.argmin(np.abs(_GUST - self.now[group].gust)))
         near = _GUST[max(k - _GUSTS_BESIDE, 0) : k + _GUSTS_BESIDE + 1]
-        logs = np.array(
-            [self._total(group, self.now[group]._replace(gust=float(gust))) for gust in near]
-        )
-        likely = np.exp(logs - logs.max())
-        self.now[group] = self.now[group]._replace(gust=float(likely @ near / likely.sum()))
+        logs = [self._total(group, self.now[group]._replace(gust=float(gust))) for gust in near]
+        self.now[group] = self.now[group]._replace(gust=_mean_of(logs, near))
+
+
+def _mean_of(logs: list[float], values: np.ndarray) -> float:
+    """Mean of values with these log-likelihoods."""
+    likely = np.exp(np.array(logs) - max(logs))
+    return float(likely @ values / likely.sum())
 
 
 def _sample(epochs: Epochs) -> tuple[Epochs, np.ndarray]:

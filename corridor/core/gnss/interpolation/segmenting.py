@@ -76,6 +76,13 @@ def segments(track: pd.DataFrame) -> pd.DataFrame:
     return table
 
 
+def stated_sigmas(track: pd.DataFrame) -> np.ndarray:
+    """Standard deviations (n, 3), m, that epochs state; 0 where they do not."""
+    if not {"sx", "sy", "sz"} <= set(track):
+        return np.zeros((len(track), 3))
+    return np.nan_to_num(track[["sx", "sy", "sz"]].to_numpy(float))
+
+
 def _stands(piece: pd.DataFrame) -> list[int]:
     """Middle rows of the periods in which the drone stood between two flights."""
     time = piece["time_s"].to_numpy(dtype=float)
@@ -84,14 +91,11 @@ def _stands(piece: pd.DataFrame) -> list[int]:
     place = piece[["x", "y", "z"]].to_numpy(dtype=float)
     size = max(int(round(_WINDOW_S / np.median(np.diff(time)))), 2)
     # Noise of float epochs must not look like flying.
-    reach = _STILL_M
-    if {"sx", "sy", "sz"} <= set(piece):
-        sigma = np.nanmax(piece[["sx", "sy", "sz"]].to_numpy(dtype=float), axis=1, initial=0.0)
-        reach = reach + 6 * sigma
+    reach = _STILL_M + 6 * stated_sigmas(piece).max(axis=1, initial=0.0)
     from scipy.ndimage import maximum_filter1d, minimum_filter1d  # at first use
 
     span = maximum_filter1d(place, size, axis=0) - minimum_filter1d(place, size, axis=0)
-    still = (span <= np.reshape(reach, (-1, 1))).all(axis=1)
+    still = (span <= reach[:, None]).all(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
     return [
         int((a + b) // 2)

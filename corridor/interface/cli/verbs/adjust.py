@@ -28,9 +28,11 @@ printed.
 """
 
 import argparse
+import sys
+import time
 
 from corridor.core.command import model as _model
-from corridor.core.command.options import Line, announce_compilation, flag, say, wrote
+from corridor.core.command.options import announce_compilation, flag, say, wrote
 
 _COLUMNS = """\
 cost: half the sum of squared residuals over their sigmas; damping: 0 is a full Gauss-Newton step;
@@ -111,12 +113,31 @@ def _run(options: argparse.Namespace) -> None:
     wrote(*adjustment.save(options.output, pictures, gis=options.gis, beside=beside))
 
 
+class _Line:
+    """One line of news that the next one replaces; on a terminal only, after two seconds."""
+
+    def __init__(self):
+        self.begun, self.shown = time.monotonic(), 0
+
+    def __call__(self, text: str) -> None:
+        """Show a text in place of the one before."""
+        if sys.stderr.isatty() and time.monotonic() - self.begun > 2.0:
+            print(f"\r{text:<{self.shown}}", end="", file=sys.stderr, flush=True)
+            self.shown = len(text)
+
+    def clear(self) -> None:
+        """Take the line away."""
+        if self.shown:
+            print("\r" + " " * self.shown, end="\r", file=sys.stderr, flush=True)
+            self.shown = 0
+
+
 class _Iterations:
     """News of the iterations: which one is under way, or with `verbose` what each has done."""
 
     def __init__(self, verbose: bool):
         self.verbose, self.begun = verbose, False
-        self.line = Line()
+        self.line = _Line()
 
     def __enter__(self):
         return self

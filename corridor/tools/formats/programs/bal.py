@@ -13,10 +13,11 @@ import numpy as np
 
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_vector
-from corridor.core.textfile import Following, unpacked
+from corridor.core.textfile import unpacked
 from corridor.tools.formats.columns import NumberLines
 from corridor.tools.formats.programs.bundler import BundlerArrays
 from corridor.tools.formats.project import Project
+from corridor.tools.formats.textfile import Following
 
 NAME = "bal"
 TITLE = "Bundle Adjustment in the Large"

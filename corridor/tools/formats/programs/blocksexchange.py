@@ -18,9 +18,10 @@ import pandas as pd
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_angles
 from corridor.core.gnss import GEOGRAPHIC, Local, convert, known_crs
-from corridor.core.textfile import Xml, opening
+from corridor.core.textfile import Xml
 from corridor.tools.formats.cameras import NoModel, in_the_middle, opencv_camera, where_known
 from corridor.tools.formats.project import Contents, Project, Views, ground_table
+from corridor.tools.formats.textfile import opening
 
 NAME = "blocksexchange"
 TITLE = "BlocksExchange XML (iTwin Capture, ContextCapture)"

@@ -18,7 +18,6 @@ import pandas as pd
 
 from corridor.core.block import Block
 from corridor.core.errors import InputError
-from corridor.core.textfile import Following, beginning, filled
 from corridor.tools.formats.cameras import FLIP, Held, camera_from, in_the_middle, shared
 from corridor.tools.formats.columns import (
     grouped,
@@ -32,6 +31,7 @@ from corridor.tools.formats.columns import (
 )
 from corridor.tools.formats.project import Contents, Project, Views
 from corridor.tools.formats.rows import rows_of
+from corridor.tools.formats.textfile import Following, beginning, filled
 
 NAME = "bundler"
 TITLE = "Bundler .out"

@@ -13,9 +13,9 @@ import numpy as np
 
 from corridor.core.camera import MODELS
 from corridor.core.errors import InputError
-from corridor.core.textfile import Json, opening
 from corridor.tools.formats.cameras import FLIP, NoModel, opencv_camera, shared
 from corridor.tools.formats.project import Contents, Project
+from corridor.tools.formats.textfile import Json, opening
 
 NAME = "nerfstudio"
 TITLE = "nerfstudio transforms.json, without image points"

@@ -16,10 +16,10 @@ import pandas as pd
 
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_quaternion
-from corridor.core.textfile import Following, beginning
 from corridor.tools.formats.cameras import camera_from, from_image_formula, in_the_middle
 from corridor.tools.formats.columns import points_with_views
 from corridor.tools.formats.project import Contents, Project, Views
+from corridor.tools.formats.textfile import Following, beginning
 
 NAME = "nvm"
 TITLE = "VisualSFM .nvm"

@@ -11,9 +11,9 @@ import numpy as np
 
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_vector
-from corridor.core.textfile import Json, filled, opening
 from corridor.tools.formats.programs.opensfm import camera_of
 from corridor.tools.formats.project import Contents, Project
+from corridor.tools.formats.textfile import Json, filled, opening
 
 NAME = "odm"
 TITLE = "OpenDroneMap results (shots.geojson, cameras.json), without tie points"

@@ -16,7 +16,7 @@ import numpy as np
 
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_angles
-from corridor.core.textfile import Line, lines, opening
+from corridor.core.textfile import Line, lines
 from corridor.tools.formats.cameras import (
     FLIP,
     camera_from,
@@ -25,6 +25,7 @@ from corridor.tools.formats.cameras import (
     turned_note,
 )
 from corridor.tools.formats.project import Contents, Project, Views, ground_table
+from corridor.tools.formats.textfile import opening
 
 NAME = "photomodeler"
 TITLE = "PhotoModeler text export"

@@ -27,7 +27,7 @@ from corridor.core.geometry import (
     rotation_from_quaternion,
 )
 from corridor.core.gnss import known_crs
-from corridor.core.textfile import Line, filled, opening
+from corridor.core.textfile import Line
 from corridor.tools.formats.cameras import FLIP, camera_from, in_the_middle, shared
 from corridor.tools.formats.names import Names, in_any_case
 from corridor.tools.formats.programs.bingo import image_blocks
@@ -38,6 +38,7 @@ from corridor.tools.formats.project import (
     ground_table,
     hung_together,
 )
+from corridor.tools.formats.textfile import filled, opening
 
 NAME = "pix4d"
 TITLE = "Pix4D calibrated parameters and BINGO tie points"

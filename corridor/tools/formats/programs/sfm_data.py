@@ -17,9 +17,9 @@ import numpy as np
 
 from corridor.core.camera import MODELS
 from corridor.core.errors import InputError
-from corridor.core.textfile import Json, opening
 from corridor.tools.formats.cameras import NoModel, opencv_camera, where_known
 from corridor.tools.formats.project import Contents, Project, Views
+from corridor.tools.formats.textfile import Json, opening
 
 NAME = "sfm-data"
 TITLE = "OpenMVG sfm_data.json, AliceVision (Meshroom) sfm.json"

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from corridor.core.errors import InputError
-from corridor.core.textfile import Following, Line, lines, missing
+from corridor.core.textfile import Line, lines, missing
 from corridor.tools.formats.columns import (
     NumberLines,
     in_groups,
@@ -29,6 +29,7 @@ from corridor.tools.formats.columns import (
 )
 from corridor.tools.formats.names import in_any_case
 from corridor.tools.formats.programs.colmap.cameras import BY_NUMBER
+from corridor.tools.formats.textfile import Following
 
 # Kind and name of each field. m, s: a word in text, a number (i) in binary; d: a float64.
 CAMERA = (("I", "CAMERA_ID"), ("m", "MODEL"), ("Q", "WIDTH"), ("Q", "HEIGHT"))

@@ -22,9 +22,9 @@ from scipy.spatial.transform import Rotation
 
 from corridor.core.camera import MODELS
 from corridor.core.errors import InputError, some
-from corridor.core.gnss import GEOCENTRIC, GEOGRAPHIC, Local, convert, height_unit, known_crs
+from corridor.core.gnss import GEOCENTRIC, GEOGRAPHIC, Local, convert, known_crs
 from corridor.core.output import counted
-from corridor.core.textfile import Xml, opening
+from corridor.core.textfile import Xml
 from corridor.tools.formats.cameras import (
     FLIP,
     Held,
@@ -34,6 +34,7 @@ from corridor.tools.formats.cameras import (
     standing_for,
     where_known,
 )
+from corridor.tools.formats.frames import height_unit
 from corridor.tools.formats.names import numbered
 from corridor.tools.formats.programs.metashape.archive import Archive, read_ply
 from corridor.tools.formats.programs.metashape.writing import write as write
@@ -46,6 +47,7 @@ from corridor.tools.formats.project import (
     points_table,
     rotations_to_columns,
 )
+from corridor.tools.formats.textfile import opening
 
 NAME = "metashape"
 TITLE = "Metashape project (.psx, .psz), camera and marker XML"

@@ -15,11 +15,11 @@ from corridor.core.gnss import (
     convert,
     known_crs,
     local_of,
-    moved,
 )
-from corridor.core.textfile import add_xml, write_xml
 from corridor.tools.formats.cameras import in_the_middle
+from corridor.tools.formats.frames import moved
 from corridor.tools.formats.rows import camera_positions
+from corridor.tools.formats.textfile import add_xml, write_xml
 
 _LOCAL = 'LOCAL_CS["Local Coordinates (m)",LOCAL_DATUM["Local Datum",0],UNIT["metre",1]]'
 

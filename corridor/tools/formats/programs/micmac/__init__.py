@@ -19,7 +19,7 @@ import pandas as pd
 
 from corridor.core.camera import INTERIOR, Camera
 from corridor.core.errors import InputError
-from corridor.core.textfile import Following, Xml, missing, opening
+from corridor.core.textfile import Xml, missing
 from corridor.tools.formats.cameras import (
     Held,
     NoModel,
@@ -40,6 +40,7 @@ from corridor.tools.formats.project import (
     ground_table,
     rotations_to_columns,
 )
+from corridor.tools.formats.textfile import Following, opening
 
 NAME = "micmac"
 TITLE = "MicMac or MMVII orientations, calibrations, ground points, tie points"

@@ -7,9 +7,9 @@ import numpy as np
 
 from corridor.core.block import Block
 from corridor.core.errors import InputError
-from corridor.core.textfile import add_xml, write_xml
 from corridor.tools.formats.columns import grouped, in_rows, text_of_rows
 from corridor.tools.formats.rows import camera_positions, rows_of
+from corridor.tools.formats.textfile import add_xml, write_xml
 
 M2C = "eConvApero_DistM2C"
 RADIAL = 8

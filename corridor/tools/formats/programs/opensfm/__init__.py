@@ -20,13 +20,14 @@ from corridor.core.camera import FISHEYE, MODELS, Camera
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_vector
 from corridor.core.gnss import Local
-from corridor.core.textfile import Json, lines, opening
+from corridor.core.textfile import lines
 from corridor.tools.formats.cameras import Held, NoModel, in_the_middle, opencv_camera, where_known
 from corridor.tools.formats.ground import Ground, add_to
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.programs.opensfm.writing import HEADER, MAIN, WIDTH
 from corridor.tools.formats.programs.opensfm.writing import write as write
 from corridor.tools.formats.project import Contents, Project, Views, ground_table
+from corridor.tools.formats.textfile import Json, opening
 
 NAME = "opensfm"
 TITLE = "OpenSfM, or OpenDroneMap's opensfm folder"

@@ -10,9 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from corridor.core.block import Block
 from corridor.core.errors import InputError
-from corridor.core.gnss import about_the_middle, local_of, moved
+from corridor.core.gnss import about_the_middle, local_of
 from corridor.tools.formats.cameras import in_the_middle
 from corridor.tools.formats.columns import numbered, text_of, write_rows
+from corridor.tools.formats.frames import moved
 from corridor.tools.formats.rows import camera_positions, rows_of
 
 MAIN = "reconstruction.json"

@@ -5,7 +5,10 @@ The same report gives the same bytes: no date, no path and no random name goes i
 
 from __future__ import annotations
 
+import base64
+import binascii
 import io
+import re
 import textwrap
 from collections.abc import Sequence
 from functools import lru_cache
@@ -16,8 +19,7 @@ import numpy as np
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from corridor.core.output.pages import Report
-    from corridor.core.output.table import Table
+    from corridor.core.output import Report, Table
 
 # A4 in points of print, with its margins.
 WIDE, HIGH, MARGIN = 595.28, 841.89, 45.0
@@ -263,17 +265,11 @@ def _fitted(rows: Sequence[Sequence[str]], align: str, room: float) -> tuple[flo
 
 def embedded(record: str, mark: str) -> str:
     """A record as keywords of a file: what programs find there again by its mark."""
-    import base64
-
     return mark + base64.b64encode(record.encode("utf-8")).decode("ascii")
 
 
 def taken_from(content: bytes, mark: str) -> str | None:
     """The record that `embedded` put into a file, None where there is none."""
-    import base64
-    import binascii
-    import re
-
     found = re.search(re.escape(mark.encode()) + rb"([A-Za-z0-9+/=]+)", content)
     if found is None:
         return None

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from corridor.core.photographs.metadata import Metadata
+from corridor.core.photographs import Metadata
 
 # The 35 mm equivalent is of the picture's diagonal (43.27 mm) by some makers, of its width (36 mm)
 # by others: for a picture of 4:3 these are 34.6 and 36 mm of width. The middle is within 2 %. Of a

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.core.adjustment.tables import Tables
+from corridor.core.adjustment import Adjustment
 from corridor.core.block import footprints
 from corridor.core.gnss import in_world, world_crs
 from corridor.core.output import Layer, nice, write_geopackage, write_las
@@ -15,7 +15,7 @@ _SIGMAS = ["sx", "sy", "sz"]
 _DRAWN = 0.05
 
 
-def write_gis(adjustment: Tables, stem: Path) -> None:
+def write_gis(adjustment: Adjustment, stem: Path) -> None:
     """Writes STEM.gpkg and STEM.las, in the CRS of the block's results (`world_crs`).
 
     Layers: points (adjusted, sx, sy, sz in m, rays, kind), check_vectors (lines from the surveyed
@@ -45,7 +45,7 @@ def write_gis(adjustment: Tables, stem: Path) -> None:
     write_las(stem.with_suffix(".las"), xyz, fields, crs)
 
 
-def _vectors(adjustment: Tables) -> Layer:
+def _vectors(adjustment: Adjustment) -> Layer:
     """Lines from where check points were surveyed towards where they came out."""
     block, table = adjustment.block, adjustment.check_points
     ground = block.ground.set_index("point").loc[table["point"], ["x", "y", "z"]].to_numpy(float)
@@ -59,7 +59,7 @@ def _vectors(adjustment: Tables) -> Layer:
     return Layer(table.assign(times=times), lines, "LineString Z")
 
 
-def _level(adjustment: Tables) -> np.ndarray:
+def _level(adjustment: Adjustment) -> np.ndarray:
     """Median height (images,) of the points that each picture shows, m."""
     height = dict(zip(adjustment.points["point"], adjustment.points["z"], strict=True))
     seen = [

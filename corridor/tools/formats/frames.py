@@ -1,0 +1,154 @@
+"""A block in another frame: another grid, or east, north, up about a point."""
+
+import numpy as np
+
+from corridor.core.block import POSE, RHO, Block, correlations, covariances
+from corridor.core.errors import InputError
+from corridor.core.geometry import quaternion_from_rotation, rotation_from_quaternion
+from corridor.core.gnss import (
+    GEOGRAPHIC,
+    LOCAL_FRAME,
+    Local,
+    about_the_middle,
+    convert,
+    known_crs,
+    local_of,
+    places_of,
+)
+
+# Directions are differences over this length: of PROJ's nanometres 1e-11 rad are left.
+_STEP_M = 100.0
+_SIGMAS = (("gnss", ("sx", "sy", "sz")), ("ground", ("sx", "sy", "sz")),
+           ("points", ("sx", "sy", "sz")), ("track", ("sx", "sy", "sz")))  # fmt: skip
+_VELOCITY = (("images", ("vx", "vy", "vz")), ("track", ("vx", "vy", "vz")))
+
+
+def local_table(local: Local, crs: str | None = None) -> dict[str, float | str]:
+    """`local_frame` of block.toml; crs: the system in which results are given."""
+    table = {"lat_deg": local.lat_deg, "lon_deg": local.lon_deg, "height": local.height}
+    return table | ({"crs": crs} if crs else {})
+
+
+def metric(crs: str) -> tuple[str, float]:
+    """The same grid counted in metres, and how many metres its own unit has; 1.0: it is metric."""
+    system = known_crs(crs)
+    unit = float(system.axis_info[0].unit_conversion_factor)
+    if not system.is_projected or abs(unit - 1) < 1e-9:
+        return crs, 1.0
+    table = system.to_json_dict()
+    for part in (table, *table.get("components", ())):
+        part.pop("id", None)
+        for axis in part.get("coordinate_system", {}).get("axis", ()):
+            axis["unit"] = "metre"
+    table["name"] = f"{system.name} in metres"
+    return type(system).from_json_dict(table).to_wkt(), unit
+
+
+def moved(block: Block, target: Local | str, crs: str | None = None) -> Block:
+    """The same block in another frame: a `Local`, or a CRS in metres.
+
+    Points go through PROJ, one by one; rotations, velocities and standard deviations turn with the
+    axes at their place. crs: the system that results of a local frame are given in.
+    Raises InputError where the block has no place on Earth, or PROJ knows no exact way.
+    """
+    before = local_of(block)
+    stated = block.crs or ""
+    if before is None and not stated:
+        about_the_middle(block)  # raises
+
+    def over(places: np.ndarray) -> np.ndarray:
+        places = places + block.offset
+        if before is not None:
+            places = before.to_geographic(places)
+        elif isinstance(target, Local):
+            places = convert(places, stated, GEOGRAPHIC)
+        else:
+            return convert(places, stated, target)
+        if isinstance(target, Local):
+            return target.from_geographic(places)
+        return convert(places, GEOGRAPHIC, target)
+
+    made = block.copy()
+    turns = {table: _turns(over, block.numbers(table, *"xyz"), block) for table in _turned(block)}
+    for table in ("images", "points", "ground", "gnss", "track"):
+        places = block.numbers(table, *"xyz") if _has(block, table, "xyz") else np.zeros((0, 3))
+        known = np.isfinite(places).all(axis=1)
+        if known.any():
+            places[known] = over(places[known])
+            made.put(table, "xyz", places)
+    if _has(block, "images", POSE):
+        pose = block.poses
+        known = np.isfinite(pose).all(axis=1)
+        rotation = rotation_from_quaternion(pose[known, 3:])
+        back = np.transpose(turns["images"][known], (0, 2, 1))
+        pose[known, 3:] = quaternion_from_rotation(rotation @ back)
+        made.put("images", POSE[3:], pose[:, 3:])
+    for table, names in _VELOCITY:
+        if _has(block, table, names):
+            velocity = block.numbers(table, *names)
+            made.put(table, names, np.einsum("nij,nj->ni", turns[table], velocity))
+    for table, names in _SIGMAS:
+        if _has(block, table, names):
+            sigma, rho = block.numbers(table, *names), np.array(block.correlation(table))
+            known = np.isfinite(sigma).all(axis=1)
+            turn = turns[table][known]
+            full = turn @ covariances(sigma[known], rho[known]) @ turn.transpose(0, 2, 1)
+            sigma[known] = np.sqrt(np.einsum("nii->ni", full))
+            made.put(table, names, sigma)
+            if rho.any():
+                rho[known] = correlations(full)
+                made.put(table, RHO, rho)
+    made.extra = {key: value for key, value in block.extra.items() if key != LOCAL_FRAME}
+    made.offset = np.zeros(3)
+    if isinstance(target, Local):
+        made.crs, made.extra[LOCAL_FRAME] = None, local_table(target, crs)
+    else:
+        made.crs = target
+    made.forget_folder()
+    return made
+
+
+def _has(block: Block, table: str, names) -> bool:
+    frame = getattr(block, table)
+    return bool(len(frame)) and set(names) <= set(frame.columns)
+
+
+def _turned(block: Block) -> set[str]:
+    """Tables with directions."""
+    tables = {table for table, names in (*_SIGMAS, *_VELOCITY) if _has(block, table, names)}
+    return tables | ({"images"} if _has(block, "images", POSE) else set())
+
+
+def _turns(over, places: np.ndarray, block: Block) -> np.ndarray:
+    """(n, 3, 3): directions in the old frame to the new one, at each place; orthogonal.
+
+    Unknown places turn as the middle of the block does.
+    """
+    known = np.isfinite(places).all(axis=1)
+    middle = np.nanmedian(places_of(block), axis=0)
+    at = np.where(known[:, None], places, middle)
+    ahead, behind = (
+        np.stack([over(at + sign * step) for step in _STEP_M * np.eye(3)], axis=2)
+        for sign in (1, -1)
+    )
+    u, _, vt = np.linalg.svd((ahead - behind) / (2 * _STEP_M))
+    return u @ vt
+
+
+def height_unit(crs: str) -> float:
+    """Metres in a unit of heights beside a grid that names none: they count as the plane does."""
+    system = known_crs(crs)
+    plain = system.is_projected and len(system.axis_info) == 2
+    return float(system.axis_info[0].unit_conversion_factor) if plain else 1.0
+
+
+def in_metres(crs: str) -> None:
+    """Raises InputError unless a CRS is a grid in metres, as a block's coordinates have to be."""
+    system = known_crs(crs)
+    if not system.is_projected:
+        raise InputError(f"crs {crs} is not in metres of a grid; give one that is, as EPSG:32647")
+    if metric(crs)[1] != 1.0:
+        raise InputError(
+            f"crs {crs} counts in {system.axis_info[0].unit_name}, and a block in metres; give a "
+            "system in metres of the same place"
+        )
