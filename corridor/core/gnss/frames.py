@@ -13,7 +13,7 @@ import numpy as np
 from corridor.core.block import POSE, RHO, Block, correlations, covariances
 from corridor.core.errors import InputError
 from corridor.core.geometry import quaternion_from_rotation, rotation_from_quaternion, similarity
-from corridor.core.gnss.coordinates import Local, convert, known_crs
+from corridor.core.gnss.coordinates import Local, convert, known_crs, outside_area
 from corridor.core.gnss.track import GEOGRAPHIC
 
 FRAME = "local_frame"
@@ -104,17 +104,37 @@ def _places(block: Block) -> np.ndarray:
     raise InputError("the block has no coordinates; there is nothing to convert")
 
 
+def convert_within(places: Any, crs: str) -> np.ndarray:
+    """Longitude, latitude (degrees), height (n, 3) in a CRS.
+
+    Raises InputError where they lie outside its area of use.
+    """
+    places = np.asarray(places, dtype=float)
+    made = convert(places, GEOGRAPHIC, crs)
+    outside = outside_area(made, crs)
+    if outside:
+        lon, lat, _ = np.median(places, axis=0)
+        raise InputError(
+            f"{outside}, and the block lies at latitude {lat:.2f}, longitude {lon:.2f}: give a "
+            "system of that place"
+        )
+    return made
+
+
 def moved(block: Block, target: Local | str, crs: str | None = None) -> Block:
     """The same block in another frame: a `Local`, or a CRS in metres.
 
     Points go through PROJ, one by one; rotations, velocities and standard deviations turn with the
     axes at their place. crs: the system that results of a local frame are given in.
-    Raises InputError where the block has no place on Earth, or PROJ knows no exact way.
+    Raises InputError where the block has no place on Earth or one that no such CRS is for, or PROJ
+    knows no exact way.
     """
     before = local_of(block)
     stated = block.crs or ""
-    if before is None and not stated:
-        about_the_middle(block)  # raises
+    middle = before or about_the_middle(block)
+    goal = crs if isinstance(target, Local) else target
+    if goal:
+        convert_within([[middle.lon_deg, middle.lat_deg, middle.height]], goal)
 
     def over(places: np.ndarray) -> np.ndarray:
         places = places + block.offset
