@@ -23,8 +23,6 @@ from corridor.core.preparation.half_turns import turned_images
 from corridor.core.preparation.plausibility_of_motion import motion_warnings
 from corridor.core.preparation.plausibility_on_earth import earth_warnings
 
-# Readouts of frame sensors end at a quarter of a second.
-SLOWEST_READOUT_S = 0.5
 # Observations outside their picture: a few are bad matches, which are named one by one.
 _SHARE_OUTSIDE = 0.02
 # What distortion and simulated effects push over the edge stays within this share of it.
@@ -111,14 +109,7 @@ def _settings(block: Block) -> Iterator[str]:
                     f"block.toml: {key} of [camera.{name}] is not known to corridor and not "
                     f"used{near}."
                 )
-        if camera.too_short:
-            yield f"block.toml: f = {camera['f']:g} of [camera.{name}] {camera.too_short}."
-        readout = camera.readout_s
-        if readout is not None and readout > SLOWEST_READOUT_S:
-            yield (
-                f"block.toml: readout_s = {readout:g} of [camera.{name}] is longer than any "
-                f"shutter: it is in seconds, {readout:g} ms are {readout / 1000:g}."
-            )
+        yield from (f"block.toml, [camera.{name}]: {slip}." for slip in camera.slips)
 
 
 def unit_of(ratio: float) -> str:

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from corridor.core.camera import SLOWEST_READOUT_S
 from corridor.core.engine.threads import one_thread
 from corridor.core.errors import InputError
 from corridor.core.geometry import robust_scale
-from corridor.core.preparation import SLOWEST_READOUT_S
 from corridor.tools.readout.fitting import sigmas_of, vertex
 from corridor.tools.readout.photograph import CannotMeasure, Photo, read
 from corridor.tools.readout.result import Readout, StripesDrawing, sigma_with_speed
