@@ -212,16 +212,17 @@ def _missing_grids(source: str, target: str) -> tuple[str, ...]:
     return tuple(g.short_name for one in first for g in one.grids if not g.available)
 
 
-# Of UTM, whose zones are used far beyond their borders: zone 32 for all of Bavaria, to 14 degrees
-# east, zone 33 (12 to 18) for all of Norway, 4 to 31; elsewhere grids are used a little beyond.
+# Zones of UTM are used far beyond their borders: zone 32 for all of Bavaria, to 14 degrees east,
+# zone 33 (12 to 18) for all of Norway, 4 to 31; other grids a little.
 _BEYOND_UTM_DEG, _BEYOND_DEG = 15.0, 1.0
 
 
-def outside_area(points: np.ndarray, crs: str) -> str:
+def outside_area(points: np.ndarray, crs: str, converted: bool = False) -> str:
     """A sentence where points (n, 3) lie outside the area of use of their CRS; empty elsewhere.
 
     The median of the points counts, and some degrees beyond the area are allowed. A CRS without a
-    stated area covers the Earth.
+    stated area covers the Earth. converted: into the CRS, from a place that is sure. Others may be
+    local metres, which lie on the equator, beside the zone.
     """
     points = np.asarray(points, dtype=float).reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
@@ -236,7 +237,8 @@ def outside_area(points: np.ndarray, crs: str) -> str:
     area = system.area_of_use
     if area is None:
         return ""
-    beyond = _BEYOND_UTM_DEG if system.utm_zone else _BEYOND_DEG
+    told = system.utm_zone and (converted or area.south > _BEYOND_DEG)
+    beyond = _BEYOND_UTM_DEG if told else _BEYOND_DEG
     east = (lon - area.west + beyond) % 360
     width = (area.east - area.west) % 360 or 360.0
     wide = width + 2 * beyond

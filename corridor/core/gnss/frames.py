@@ -111,7 +111,7 @@ def convert_within(places: Any, crs: str) -> np.ndarray:
     """
     places = np.asarray(places, dtype=float)
     made = convert(places, GEOGRAPHIC, crs)
-    outside = outside_area(made, crs)
+    outside = outside_area(made, crs, converted=True)
     if outside:
         lon, lat, _ = np.median(places, axis=0)
         raise InputError(
