@@ -110,6 +110,15 @@ def _settings(block: Block) -> Iterator[str]:
                     f"used{near}."
                 )
         yield from (f"block.toml, [camera.{name}]: {slip}." for slip in camera.slips)
+    heights = [block.numbers(table, "z") for table in ("images", "points")]
+    above, below = (z[np.isfinite(z)] for z in heights)
+    for name, arm in block.lever_arm.items() if len(above) and len(below) else ():
+        high = float(np.median(above) - np.median(below))
+        if (length := float(np.linalg.norm(arm))) > high > 0:
+            yield (
+                f"block.toml: the lever arm of {name} is {length:.4g} m long, longer than the "
+                f"flight is high ({high:.0f} m): lever arms are in metres."
+            )
 
 
 def unit_of(ratio: float) -> str:
@@ -231,9 +240,18 @@ def _outside(block, camera, mine, pixels) -> str:
     )
 
 
+# What quaternions may be that are not those of images.csv: what is told, and those that were meant.
+_OTHER_TURNS = (
+    ("qw is the last of the four", lambda q: q[:, [3, 0, 1, 2]]),
+    ("the turns are those from camera to world", lambda q: q * [1.0, -1.0, -1.0, -1.0]),
+    ("qw is the last of the four, and the turns are those from camera to world",
+     lambda q: q[:, [3, 0, 1, 2]] * [1.0, -1.0, -1.0, -1.0]),
+)  # fmt: skip
+
+
 def mirrored(block: Block) -> Iterator[str]:
-    """A sentence on axes of the image coordinates that no pose of a camera makes of the others, as
-    start values tell."""
+    """A sentence on axes of the image coordinates that no pose of a camera makes of the others, or
+    on quaternions of another order or sense, as start values tell."""
     rows = block.tie_points
     step = max(len(rows) // 2000, 1)
     image = block.image_rows("tie_points")[::step]
@@ -243,16 +261,9 @@ def mirrored(block: Block) -> Iterator[str]:
     if known.sum() < _LEAST_COUNT:
         return
     image, pose, point = image[known], pose[known], point[known]
-    rotation = rotation_from_quaternion(pose[:, 3:])
-    seen = np.einsum("nij,nj->ni", rotation, point - pose[:, :3])
-    ahead = seen[:, 2] > 0
     every = np.stack([rows[axis].to_numpy(float)[::step] for axis in "xy"], axis=1)
-    measured = every[known][ahead]
-    if len(measured) < _LEAST_COUNT:
-        return
-    ray = seen[ahead, :2] / seen[ahead, 2:]
-    with np.errstate(invalid="ignore"):  # a coordinate that never varies goes with nothing
-        (xu, xv), (yu, yv) = np.corrcoef(measured.T, ray.T)[:2, 2:]
+    measured, away = every[known], point - pose[:, :3]
+    (xu, xv), (yu, yv) = _alike(measured, pose[:, 3:], away)
     if xu > _CLEAR and yv < -_CLEAR:
         yield (
             "Image coordinates run against the start poses in y: is y counted upwards? It is "
@@ -268,6 +279,24 @@ def mirrored(block: Block) -> Iterator[str]:
             "Image coordinates fit the start poses with x and y exchanged: x is to the right, y "
             "downwards."
         )
+    elif not (xu > _CLEAR and yv > _CLEAR):
+        for told, meant in _OTHER_TURNS:
+            (xu, _), (_, yv) = _alike(measured, meant(pose[:, 3:]), away)
+            if xu > _CLEAR and yv > _CLEAR:
+                yield f"Image coordinates fit the start poses if {told} (qw to qz of images.csv)."
+                return
+
+
+def _alike(measured: np.ndarray, quaternion: np.ndarray, away: np.ndarray) -> np.ndarray:
+    """Correlations (2, 2) of x, y with the rays u, v of points that lie away (n, 3) from their
+    cameras; 0 where hardly one lies before its camera."""
+    seen = np.einsum("nij,nj->ni", rotation_from_quaternion(quaternion), away)
+    ahead = seen[:, 2] > 0
+    if ahead.sum() < _LEAST_COUNT:
+        return np.zeros((2, 2))
+    ray = seen[ahead, :2] / seen[ahead, 2:]
+    with np.errstate(invalid="ignore"):  # a coordinate that never varies goes with nothing
+        return np.corrcoef(measured[ahead].T, ray.T)[:2, 2:]
 
 
 def without_impossible_points(block: Block, strict: bool = False) -> tuple[Block, list[str]]:
@@ -338,6 +367,11 @@ def _marks_of_other_pictures(block: Block) -> Iterator[str]:
     left = np.median(np.linalg.norm(measured - factor * there, axis=1))
     size = sizes[known]
     for words, other in (
+        ("they were counted from the middle", measured + size / 2),
+        (
+            "they were counted from the middle, y upwards",
+            size / 2 + measured * [1.0, -1.0],
+        ),
         ("y were counted upwards", np.column_stack([measured[:, 0], size[:, 1] - measured[:, 1]])),
         ("the pictures were turned by 180 degrees", size - measured),
         (
@@ -376,8 +410,8 @@ def _positions(block: Block) -> Iterator[str]:
     antenna[block.image_rows("gnss")] = block.numbers("gnss", *"xyz")
     told = (
         position_difference("gnss.csv", antenna, "images.csv", centres)
-        or _flights_apart(block, antenna - centres)
         or _displaced(block, antenna, centres)
+        or _flights_apart(block, antenna - centres)
     )
     if told:
         yield told
@@ -418,6 +452,12 @@ def _displaced(block: Block, antenna: np.ndarray, centres: np.ndarray) -> str:
         places: _median_apart(given[max(-places, 0) :], known[max(places, 0) :])
         for places in range(-_PLACES, _PLACES + 1)
     }
+    backward = _median_apart(given[::-1], known)
+    if backward < min(_ELSEWHERE * min(away.values()), away[0] - _STRAY_M):
+        return (
+            f"gnss.csv gives the images their positions from the last to the first: read so, they "
+            f"lie {backward:.1f} m (median) from those of images.csv; as given, {away[0]:.1f} m."
+        )
     best = min(away, key=lambda places: away[places])
     if not best or not away[best] < min(_ELSEWHERE * away[0], away[0] - _STRAY_M):
         return ""
@@ -461,6 +501,12 @@ def position_difference(file: str, given: np.ndarray, other: str, known: np.ndar
     swapped = given[:, [1, 0]] - known[:, :2]
     if np.median(np.abs(swapped)) < 0.05 * np.median(np.abs(away[:, :2])):
         return f"{file} has x and y exchanged beside {other}: x is east, y north."
+    for unit, metres in UNITS_M.items():
+        for one, mine, others in ((file, given, known), (other, known, given)):
+            wide = np.ptp(others[:, :2], axis=0).max()
+            # No flight is less than a metre wide: then it is the other table that counts otherwise.
+            if np.median(np.abs(metres * mine - others)) < 0.05 * wide and wide > _STRAY_M:
+                return f"{one} is in {unit}: write metres."
     level = np.abs(middle[:2]).max() < min(_FAR_UP_M, 0.3 * abs(middle[2]))
     if level and spread.max() < max(0.25 * abs(middle[2]), 2.0):
         for one, mine, two, others in ((file, given, other, known), (other, known, file, given)):
