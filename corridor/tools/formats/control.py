@@ -88,7 +88,8 @@ def add_ground(
             same = ground.crs == GEOGRAPHIC and known_crs(crs).is_geographic
             if ground.crs not in (None, crs) and not same:
                 raise InputError(
-                    f"its coordinates are in {ground.crs[:60]}; --ground-crs {crs} contradicts it"
+                    f"its coordinates are in {ground.crs[:60]}; --ground-crs {crs} contradicts it: "
+                    "leave it out"
                 )
             known_crs(crs)
             ground = replace(ground, crs=crs)

@@ -16,9 +16,10 @@ from corridor.core.block import Block, as_mounted, read, rigs_of
 from corridor.core.brief import brief
 from corridor.core.effects import Effect, Values, every_effect, take_out
 from corridor.core.errors import InputError
+from corridor.core.gnss import in_metres
 from corridor.core.output import Progress, counted, file_lines, telling, whole_folder
 from corridor.tools.formats.cameras import moved_to
-from corridor.tools.formats.frames import in_metres, moved
+from corridor.tools.formats.frames import moved
 from corridor.tools.formats.programs import writers
 from corridor.tools.formats.project import near_origin
 from corridor.tools.formats.proof import MEDIAN_PX, Residuals

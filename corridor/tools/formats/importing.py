@@ -12,7 +12,7 @@ from corridor.core.block import Block
 from corridor.core.brief import brief
 from corridor.core.errors import InputError, WorkFailed
 from corridor.core.geometry import GROSS, robust_scale
-from corridor.core.gnss import about_the_middle, known_crs, local_of, outside_area
+from corridor.core.gnss import about_the_middle, in_metres, known_crs, local_of, outside_area
 from corridor.core.options import options
 from corridor.core.output import Progress, Report, Table, png, silent, telling, whole_file
 from corridor.core.photographs import photographs_in, read_metadata
@@ -21,7 +21,7 @@ from corridor.tools.formats.attitudes import with_attitudes
 from corridor.tools.formats.control import add_ground, marks_refused
 from corridor.tools.formats.delay import with_delay_told
 from corridor.tools.formats.faults import blaming
-from corridor.tools.formats.frames import in_metres, moved
+from corridor.tools.formats.frames import moved
 from corridor.tools.formats.joining import bent
 from corridor.tools.formats.mapping import Cheaply, forget, from_photographs, is_whole, workplace
 from corridor.tools.formats.placing import (

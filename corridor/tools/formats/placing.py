@@ -533,6 +533,8 @@ def _with_positions(project, photos: dict[int, Metadata], exposures):
                 lever_arm={"default": (0.0, 0.0, 0.0)},
                 lever_arm_fixed=True,
             )
+    # A mark without a fix has a time and no place.
+    table = table[table[["lon", "lat"]].notna().all(axis=1)]
     if not len(table):
         return project.noted("the photographs have no positions")
     columns = [name for name in ("sx", "sy", "sz") if name in table]
@@ -581,7 +583,8 @@ def _positions_of(photos: Mapping[str, Metadata]) -> tuple[pd.DataFrame, str, li
         elif flag not in (None, 50):
             # What a receiver states of a position that is no fix is its noise, not its error.
             sigma = tuple(np.maximum(sigma, _ASSUMED[kind]))
-        rows.append((image, photo.lon_deg, photo.lat_deg, photo.height or 0.0, *sigma))
+        height = np.nan if photo.height is None else photo.height
+        rows.append((image, photo.lon_deg, photo.lat_deg, height, *sigma))
     if assumed:
         told = (
             f"{assumed} of {len(rows)} positions come without a standard deviation: 3 m "
@@ -594,7 +597,10 @@ def _positions_of(photos: Mapping[str, Metadata]) -> tuple[pd.DataFrame, str, li
             f"{_ASSUMED[34 if 32 <= flag <= 49 else 16][0]:g} m horizontally, whatever they state"
         )
     if without:
-        notes.append(f"{without} positions have no height: 0 was taken")
+        notes.append(
+            f"{without} positions have no height: they may place the project, and are no "
+            "measurements of it"
+        )
     columns = ["image", "lon", "lat", "height", "sx", "sy", "sz"]
     return pd.DataFrame(rows, columns=columns), told, notes
 
@@ -607,9 +613,12 @@ def _put(
 ) -> Project:
     """Geographic positions as gnss.csv, in the block's frame; the block is placed by them if need.
 
-    table: image, lon, lat, height, sx, sy, sz. attitudes: (3, 3) world to camera, by image.
+    table: image, lon, lat, height (NaN: unknown), sx, sy, sz. attitudes: (3, 3) world to camera,
+    by image.
     """
-    places = table[["lon", "lat", "height"]].to_numpy(float)
+    places = table[["lon", "lat", "height"]].to_numpy(float, copy=True)
+    known = np.isfinite(places[:, 2])
+    places[~known, 2] = np.median(places[known, 2]) if known.any() else 0.0
     if not project.placed and project.block.crs is None and local_of(project.block) is None:
         project = _placed(project, table, places, what, attitudes or {})
     block = project.block
@@ -624,6 +633,9 @@ def _put(
         if name in table:
             sigma = table[name].to_numpy(float)
             out[name] = np.where(sigma > 0, sigma, np.nan)
+    out = out[known].reset_index(drop=True)
+    if not len(out):
+        return project
     return project.having(notes=[f"gnss.csv: {len(out)} positions of {what}"], gnss=out)
 
 
@@ -672,8 +684,17 @@ def _placed(
         )
     xyz = found.apply(block.ground[list(POSE[:3])].to_numpy(float))
     with_attitudes = " and their attitudes" if len(axes) else ""
-    return moved_by(project, found).having(
+    moved, warnings = moved_by(project, found), []
+    if np.nanmedian(rotation_from_quaternion(moved.block.poses[:, 3:])[:, 2, 2]) > 0:
+        # A mirrored flight fits upside down, for its positions lie nearly in a plane.
+        warnings.append(
+            f"placed by positions of {what} the cameras look up: unless they were taken from "
+            "below, the positions are mirrored; is the sign of latitude or longitude lost (N, S, "
+            "E, W), or are the two exchanged?"
+        )
+    return moved.having(
         placed=True,
+        warnings=warnings,
         notes=[
             f"placed by positions of {what}{with_attitudes}: scale {found.scale:.6g}, camera "
             f"centres {typical:.2g} m (median) from them; world: east, north, up about "

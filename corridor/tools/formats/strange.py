@@ -1,5 +1,6 @@
 """What a file is that is no project, and the way on: by its ending and its first characters."""
 
+import re
 from itertools import islice
 from pathlib import Path
 
@@ -37,6 +38,8 @@ _ALIKE = {
     ".las .laz .ply": "a point cloud: a project has photographs, their poses and measurements",
     ".kml .kmz .gpx .geojson .dxf .dwg .shp .gpkg": "a map: save its points as comma separated "
     "text (name, x, y, z), and name that",
+    ".gsi .jxl .jobxml .job .rw5 .sdr .dc .dbx .crd .landxml": "a file of a surveying instrument: "
+    "export its points as comma separated text (name, x, y, z), and name that",
 }
 _ENDINGS |= {end: told for ends, told in _ALIKE.items() for end in ends.split()}
 _GROUND = "a list of ground points: name the project, and give the list with --ground"
@@ -75,9 +78,17 @@ def strange(path: Path) -> str:
 
 def not_text(path: Path) -> str:
     """What a file is that is no list of points as text, and what to do; or empty."""
-    if opening(path, 400).lstrip().lower().startswith(("<!doctype html", "<html")):
+    head = opening(path, 400).lstrip()
+    if head.lower().startswith(("<!doctype html", "<html")):
         return "a page of the web: download the file itself"
-    return _ENDINGS.get(path.suffix.lower(), "")
+    if re.match(r"\*?11\d{4}[+-]\S+ ", head) or "<LandXML" in head:
+        return _ENDINGS[".gsi"]
+    if re.search(r'<(kml|gpx)\b|"(FeatureCollection|Feature)"', head):
+        return _ENDINGS[".kml"]
+    ending = path.suffix.lower()
+    if head.startswith("PK\3\4") and ending not in _ENDINGS:
+        ending = ".xlsx"
+    return _ENDINGS.get(ending, "")
 
 
 def _is_tracks(head: str) -> bool:

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from corridor.core.camera import SLOWEST_READOUT_S
 from corridor.core.engine.threads import one_thread
 from corridor.core.errors import InputError
 from corridor.core.geometry import robust_scale
-from corridor.core.preparation import SLOWEST_READOUT_S
 from corridor.tools.readout.fitting import sigmas_of, vertex
 from corridor.tools.readout.photograph import CannotMeasure, Photo, read
 from corridor.tools.readout.result import Readout, StripesDrawing, sigma_with_speed
@@ -43,6 +43,8 @@ _QUARTZ = 1e-5
 _UNEVEN = 0.04
 # A row of a rolling shutter: 15 to 60 ms for 3,000 rows (published readout times).
 _ROW_S = 5e-6, 20e-6
+# A hundredth of that: stacked sensors need an eighth, and a frequency in mHz leaves a thousandth.
+_FASTEST_ROW_S = 5e-8
 _GAIN = 3.0  # by which the stripes must shrink what a smooth light leaves over
 _METHOD = (
     "frequency of the stripes in the mean light of the rows: up to 15 harmonics with smooth "
@@ -110,10 +112,12 @@ def measure_led(
     if photo.exposure_s and abs(photo.exposure_s * frequency_hz - 1) < 0.05:
         warnings.append("the exposure is close to one period of the light: the stripes are weak")
     readout = 1e3 * (rows - 1) * cycles / frequency_hz
-    if readout > 1e3 * SLOWEST_READOUT_S:
+    slow = readout > 1e3 * SLOWEST_READOUT_S
+    if slow or readout < 1e3 * rows * _FASTEST_ROW_S:
         raise InputError(
-            f"--frequency {frequency_hz:g}: the readout time would be {readout:,.0f} ms, longer "
-            "than that of any camera; give the frequency in Hz (0.5 kHz is 500)"
+            f"--frequency {frequency_hz:g}: the readout time would be {readout:,.4g} ms, "
+            f"{'longer' if slow else 'shorter'} than that of any camera; give the frequency in Hz "
+            "(0.5 kHz is 500)"
         )
     own = 1e3 * (rows - 1) * fitted.sigma / frequency_hz
     found = Readout(

@@ -22,6 +22,7 @@ from corridor.tools.thermal.matching import Matcher, fault
 from corridor.tools.thermal.series import Series, another_size, read_series
 
 LEAST_SPAN_C = 1.0  # of temperatures, for a thermal model
+_HOTTEST_C = 85.0  # of the industrial range of electronics
 _UNEVEN = 1.8  # of the steps of a grid, x to y: `matching.grid` stays below 1.3 up to 12 : 1
 # A picture that grows otherwise than its temperature says: shares of what all grow, and times what
 # the others miss by (Iglewicz and Hoaglin 1993). Optics that lag are off by a fifth in each picture
@@ -246,6 +247,12 @@ def _of_temperatures(series) -> list[str]:
         notes.append(
             f"series.csv: {(~known).sum()} of {len(known)} pictures have no temperature_c, the "
             f"first of them {first}: a thermal model does without them"
+        )
+    hottest = float(series.temperature_c[known].max())
+    if hottest > _HOTTEST_C:
+        notes.append(
+            f"series.csv: the temperatures reach {hottest:.1f} C, and electronics endure "
+            f"{_HOTTEST_C:g} C: are they degrees Fahrenheit?"
         )
     span = np.ptp(series.temperature_c[known])
     if span < LEAST_SPAN_C:

@@ -33,9 +33,9 @@ from scipy.spatial.transform import Rotation
 
 from corridor.core.camera import Camera
 from corridor.core.errors import InputError, did_you_mean
+from corridor.core.gnss import in_metres
 from corridor.core.textfile import Line
 from corridor.tools.formats.cameras import FLIP, in_the_middle
-from corridor.tools.formats.frames import in_metres
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.project import Contents, Project, Views
 from corridor.tools.formats.textfile import filled, says_number

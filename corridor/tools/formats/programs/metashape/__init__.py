@@ -297,15 +297,16 @@ def _labels(part):
 
 
 def chunk_of(root: Xml, notes: list[str]) -> Xml:
-    """The chunk of a document: the active one of several, else the first."""
+    """The chunk of a document: the active one of several, else that of the most cameras."""
     chunks = root.all("chunk") or root.all("chunks/chunk")
     if root.tag != "document" or not chunks:
         raise root.wrong("it is not a Metashape document with a chunk; export it again")
     active = root.find("chunks")
     active = active and active.get("active_id")
-    chosen = next((chunk for chunk in chunks if active and chunk.get("id") == active), chunks[0])
+    most = max(chunks, key=lambda chunk: len(chunk.all(".//camera")))
+    chosen = next((chunk for chunk in chunks if active and chunk.get("id") == active), most)
     if len(chunks) > 1:
-        which = "the active one" if chosen.get("id") == active else "the first"
+        which = "the active one" if active else f"that of the most cameras, {chosen.get('label')},"
         notes.append(f"{root.path.name} holds {len(chunks)} chunks; {which} was read")
     return chosen
 
