@@ -261,6 +261,25 @@ def test_work_apart_ends_in_a_sentence_and_the_next_piece_is_done():
         work.close()
 
 
+def test_work_apart_begins_again_after_a_process_could_not_be_started(monkeypatch):
+    """A whole class at once: no memory for a process now does not mean none later."""
+    context = apart.multiprocessing.get_context("spawn").Process
+
+    def refused(_):
+        raise OSError(12, "Cannot allocate memory")
+
+    work = apart.Apart(misbehave, seconds=1.0, megabytes=500)
+    try:
+        with monkeypatch.context() as patched:
+            patched.setattr(context, "start", refused)
+            for _ in range(2):
+                with pytest.raises(WorkFailed, match="too busy to measure"):
+                    work("well")
+        assert work("well") == "well"
+    finally:
+        work.close()
+
+
 # --- addresses -----------------------------------------------------------------------------------
 
 

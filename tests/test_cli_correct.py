@@ -125,3 +125,26 @@ def test_a_thermal_model_is_refused_with_values_or_another_effect(folder, tmp_pa
         assert main([*command, "-o", str(tmp_path / "out")]) == 2
         assert "--effect thermal alone" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_block_is_never_replaced_by_what_is_made_of_it(folder, tmp_path, capsys):
+    """The same words a second time would take the effect out twice."""
+    words = ["correct", str(folder), "--effect", "rolling_shutter:readout=0.03", "-o"]
+    before = (folder / "tie_points.csv").read_bytes()
+    (tmp_path / "link").symlink_to(folder)
+    for same in (folder, folder / ".." / folder.name, tmp_path / "link"):
+        assert main([*words, str(same)]) == 2
+        assert "is what is read, and would be replaced" in capsys.readouterr().err
+    assert (folder / "tie_points.csv").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [(["rolling_shutter:readout=nan"], "readout = nan is not a number"),
+     (["rolling_shutter:readout=inf"], "readout = inf is not a number"),
+     (["rolling_shutter:readout=0.02", "rolling_shutter:readout=0.03"], "readout is given twice")],
+)  # fmt: skip
+def test_a_value_is_a_number_and_given_once(folder, tmp_path, capsys, words, said):
+    every = [word for one in words for word in ("--effect", one)]
+    assert main(["correct", str(folder), *every, "-o", str(tmp_path / "out")]) == 2
+    assert said in capsys.readouterr().err and not (tmp_path / "out").exists()

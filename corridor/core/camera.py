@@ -48,6 +48,9 @@ _MOST_BENT = 1e4
 # focal length below this share of the picture's long side sees more than 147 degrees, and as a
 # fisheye more than there are.
 _WIDEST, _SHORTEST = 3.0, 0.15
+# Readouts of frame sensors end at a quarter of a second; no pixel resolves less than the waves of
+# light, half a micrometre long.
+SLOWEST_READOUT_S, _SMALLEST_PIXEL_UM = 0.5, 0.5
 # No picture has a longer side, px: strips of line scanners have some 1e5 rows.
 _LARGEST = 1e6
 
@@ -194,6 +197,22 @@ class Camera:
     def fisheye(self) -> bool:
         """Whether the lens is a fisheye."""
         return bool(self.interior[_MODEL])
+
+    @property
+    def slips(self) -> list[str]:
+        """What to say of values that no camera has, but one that counts in another unit."""
+        found = [f"f = {self['f']:g} {self.too_short}"] if self.too_short else []
+        if (readout := self.readout_s or 0.0) > SLOWEST_READOUT_S:
+            found.append(
+                f"readout_s = {readout:g} is longer than any shutter: it is in seconds, "
+                f"{readout:g} ms are {readout / 1000:g}"
+            )
+        if (pixel := self.pixel_um or 1.0) < _SMALLEST_PIXEL_UM:
+            found.append(
+                f"pixel_um = {pixel:g} is smaller than the waves of light: it is in micrometres, "
+                f"{pixel:g} mm are {1000 * pixel:g}"
+            )
+        return found
 
     @property
     def too_short(self) -> str:

@@ -63,13 +63,18 @@ class Apart:
         # A fork of a process with threads may hang.
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process = context.Process(
+        process = context.Process(
             target=_serve, args=(theirs, self._work, self._megabytes), daemon=True
         )
-        self._process.start()
+        busy = WorkFailed("the computer is too busy to measure: try again in a minute")
+        try:
+            process.start()
+        except OSError:  # no memory or no process is left: there is none to be ended
+            raise busy from None
+        self._process = process
         theirs.close()
         if not self._pipe.poll(_LOADING_S):
-            raise WorkFailed("the computer is too busy to measure: try again in a minute")
+            raise busy
         self._pipe.recv()
 
     def _stop(self):

@@ -15,6 +15,7 @@ from slips import (
     more,
     plus,
     reversed_track,
+    table,
     times,
     toml,
 )
@@ -58,6 +59,31 @@ AT_FIRST_SIGHT = {
     "x and y of image points exchanged": (
         images(lambda f: f.rename(columns={"x": "y", "y": "x"})),
         "fit the start poses with x and y exchanged",
+    ),
+    "quaternions with qw last": (
+        table(
+            "images",
+            lambda f: f.assign(qw=f["qx"], qx=f["qy"], qy=f["qz"], qz=f["qw"]),
+        ),
+        "fit the start poses if qw is the last of the four",
+    ),
+    "marks counted from the middle, y upwards": (
+        table("marks", lambda f: f.assign(x=f["x"] - WIDTH / 2, y=HEIGHT / 2 - f["y"])),
+        "Marks lie .* as if they were counted from the middle, y upwards",
+    ),
+    "marks counted from the middle": (
+        table("marks", lambda f: f.assign(x=f["x"] - WIDTH / 2, y=f["y"] - HEIGHT / 2)),
+        "Marks lie .* as if they were counted from the middle:",
+    ),
+    "GNSS in feet": (times("gnss", 1 / 0.3048, "x", "y", "z"), "gnss.csv is in feet"),
+    "poses in kilometres": (times("images", 1e-3, "x", "y", "z"), "images.csv is in kilometres"),
+    "GNSS from the last image to the first": (
+        table("gnss", lambda f: f.assign(image=f["image"].to_numpy()[::-1])),
+        "from the last to the first: read so, they lie 0",
+    ),
+    "a lever arm in millimetres": (
+        more("[lever_arm]\ndefault = [10.0, 20.0, 120.0]"),
+        r"lever arm of default is 122\.1 m long, longer than the flight is high",
     ),
     "one tie point outside": (
         cell("tie_points", 40, "x", 10),

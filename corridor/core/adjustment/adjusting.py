@@ -29,6 +29,7 @@ from corridor.core.adjustment.model import Loss, Model, listed_effects
 from corridor.core.adjustment.normal import Normal
 from corridor.core.adjustment.problem import Problem, State, make_problem
 from corridor.core.adjustment.readjusting import (
+    unseen_arms,
     weighted_by_scatter,
     with_common_offset,
     with_gnss_as_it_is,
@@ -319,6 +320,15 @@ def _once(
     solution, iterations = None, run.max_iterations or ITERATIONS
     try:
         datum = free_network(at(problem.start))
+    except InputError:
+        if not problem.arms_free or model.lever_arm is not None:
+            raise
+        held = _once(start, replace(model, lever_arm="fixed"), run, spare, near, begun, refitted)
+        held.add_note(
+            unseen_arms(held, "nothing determines the place of the block beside free ones")
+        )
+        return held
+    try:
         normal = Normal(problem, loss, threads=threads)
         if datum is not None:
             normal.held = datum.held

@@ -182,9 +182,8 @@ class Covariance:
     def each_point(self) -> np.ndarray:
         """Of every point (n, 6): xx, yx, yy, zx, zy, zz, metres squared."""
         out = self._each_of(None)
-        # What is small beside what all are taken from, as large as the equations, which nobody
-        # needs after this.
-        _ = self.each_pose, self.of_marked
+        # As large as the equations: who asks for more than poses after this has it made anew.
+        _ = self.each_pose
         del self._near
         return out
 

@@ -90,15 +90,17 @@ def _of_marks(result: Adjustment) -> float:
         result.state.interior, p.images.camera[image],
     ).by_point  # fmt: skip
     left = table[["vx", "vy"]].to_numpy()[known] / sigma / general(result)
-    square, redundancy = [], []
-    for one in np.unique(number):
-        mine = number == one
-        design = (slope[mine] / sigma[mine, :, None]).reshape(-1, 3)
-        v = left[mine].ravel()
-        v = v - design @ np.linalg.lstsq(design, v, rcond=None)[0]
-        square.append(v @ v)
-        redundancy.append(len(v) - 3.0)
-    return _factor(np.array(square), np.array(redundancy))
+    _, point = np.unique(number, return_inverse=True)
+    design = slope / sigma[:, :, None]
+
+    def summed(rows: np.ndarray) -> np.ndarray:
+        out = np.zeros((point.max(initial=-1) + 1, *rows.shape[1:]))
+        np.add.at(out, point, rows)
+        return out
+
+    normal, right = (summed(design.transpose(0, 2, 1) @ v) for v in (design, left[..., None]))
+    taken = (right.transpose(0, 2, 1) @ np.linalg.pinv(normal, hermitian=True) @ right)[:, 0, 0]
+    return _factor(summed((left**2).sum(axis=1)) - taken, 2.0 * np.bincount(point) - 3.0)
 
 
 def _of_control(result: Adjustment) -> float:

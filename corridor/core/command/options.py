@@ -104,6 +104,19 @@ def valued_effect(text: str) -> tuple[str, dict[str, Any]]:
     return name, values if values is not None else effect(f"{text}:")[1] or {}
 
 
+def given_once(effects: Iterable[tuple[str, dict[str, Any] | None]]) -> dict[str, Any]:
+    """Values of effects that several words give. Raises InputError where two give the same."""
+    from corridor.core.errors import InputError
+
+    found: dict[str, Any] = {}
+    for name, values in effects:
+        twice = set(found.get(name) or ()) & set(values or ())
+        if twice:
+            raise InputError(f"--effect {name}: {min(twice)} is given twice; give one value")
+        found[name] = {**(found.get(name) or {}), **values} if values else found.get(name)
+    return found
+
+
 def option(text: str, metavar: str | None = None, of: Callable | None = None, **more) -> dict:
     """What argparse is told of an option: its help, the word for its value, and its type."""
     given = {"help": text, "metavar": metavar, "type": of, **more}
@@ -113,6 +126,11 @@ def option(text: str, metavar: str | None = None, of: Callable | None = None, **
 def flag(text: str, **more) -> dict:
     """What argparse is told of an option without a value."""
     return {"help": text, "action": "store_true", **more}
+
+
+def picked(options: argparse.Namespace, names: str) -> dict[str, Any]:
+    """What some options say, as keywords; names: with blanks between them."""
+    return {name: getattr(options, name) for name in names.split()}
 
 
 def _form(text: str) -> str:

@@ -5,6 +5,7 @@ tables effect_SLUG.csv, `stated` and [corrected] of block.toml, and SLUG:paramet
 """
 
 import json
+import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -295,7 +296,10 @@ def parse_word(text: str) -> tuple[str, dict[str, float | dict[str, float]] | No
         here = values.setdefault(name, {}) if dot else values
         if not name or not isinstance(here, dict) or (dot and not group):
             raise ValueError(text)
-        here[group if dot else name] = float(number)
+        key = group if dot else name
+        if key in here:
+            raise ValueError(text)
+        here[key] = float(number)
     if not slug:
         raise ValueError(text)
     return slug.strip(), values
@@ -358,12 +362,14 @@ def _by_group(value: float | Mapping) -> Mapping:
 
 
 def _given_cells(given: Mapping) -> _Cells:
-    """Cells of `{parameter: number or {group: number}}`."""
-    return {
-        (group, parameter): (float(number), np.nan)
-        for parameter, value in given.items()
-        for group, number in _by_group(value).items()
-    }
+    """Cells of `{parameter: number or {group: number}}`; raises InputError for nan or infinity."""
+    out: _Cells = {}
+    for parameter, value in given.items():
+        for group, number in _by_group(value).items():
+            if not math.isfinite(number):
+                raise InputError(f"{parameter} = {number} is not a number")
+            out[group, parameter] = float(number), np.nan
+    return out
 
 
 def _cells(entry: Mapping, folder: Path) -> _Cells:

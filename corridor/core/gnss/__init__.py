@@ -15,9 +15,12 @@ from corridor.core.gnss.formats.exif import names_in, of_photographs
 from corridor.core.gnss.frames import FRAME as LOCAL_FRAME
 from corridor.core.gnss.frames import (
     about_the_middle,
+    convert_within,
     grid_distortion,
+    in_metres,
     in_world,
     local_of,
+    metric,
     places_of,
     world_crs,
 )
@@ -33,6 +36,7 @@ from corridor.core.gnss.interpolation import (
 )
 from corridor.core.gnss.reading import read_exposures, read_track
 from corridor.core.gnss.slow_noise import SlowNoise
+from corridor.core.gnss.text import degrees
 from corridor.core.gnss.time import DAY_S, days_between
 from corridor.core.gnss.track import GEOCENTRIC, GEOGRAPHIC, Track, check_quality
 from corridor.core.registry import offered

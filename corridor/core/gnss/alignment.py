@@ -207,17 +207,17 @@ def _by_positions(track: Track, exposures: Exposures, offset: float, notes: list
     known = np.isfinite(positions).all(axis=1) & np.isfinite(time)
 
     def beside(shift: float) -> tuple[np.ndarray, np.ndarray]:
-        """Exposures within the track, and how far (k, 2) their positions lie from it, m."""
+        """Exposures within the track, and how far (k, 3) their positions lie from it, m."""
         use = known & (time + shift >= at[0]) & (time + shift <= at[-1])
         there = np.column_stack([np.interp(time[use] + shift, at, column) for column in where.T])
-        return use, (positions[use] - there)[:, :2]
+        return use, positions[use] - there
 
     distance = {}
     miscounts = [sign * (leap * all_of + few) for sign in (1, -1) for all_of, few in _MISCOUNTS]
     for shift in (0.0, *miscounts):
         use, off = beside(shift)
         if use.sum() >= max(3, 0.5 * known.sum()):
-            distance[shift] = float(np.median(np.linalg.norm(off, axis=1)))
+            distance[shift] = float(np.median(np.linalg.norm(off[:, :2], axis=1)))
     if 0.0 not in distance:
         return 0.0
     sigma = _sigma(track, exposures)
@@ -239,7 +239,8 @@ def _by_positions(track: Track, exposures: Exposures, offset: float, notes: list
         )
     else:
         best = 0.0
-    delay, delay_sigma, left = _delay(at, where, time[beside(best)[0]] + best, beside(best)[1])
+    use, off = beside(best)
+    delay, delay_sigma, left = _delay(at, where, time[use] + best, off[:, :2])
     if abs(delay) > max(_MANY_SIGMAS * delay_sigma, _LEAST_DELAY_S):
         notes.append(
             f"the positions in {exposures.source.name} lie where {track.source.name} was "
@@ -252,14 +253,23 @@ def _by_positions(track: Track, exposures: Exposures, offset: float, notes: list
             f"{track.source.name}, {left / sigma:.0f} times what both state: is it the track of "
             "this flight?"
         )
+    up = float(np.median(off[:, 2]))
+    # Heights without a standard deviation may be those of a barometer.
+    stated = all("sz" in table for table in (track.table, exposures.table))
+    if stated and abs(up) > max(_MANY_SIGMAS * _sigma(track, exposures, ("sz",)), _APART_M):
+        notes.append(
+            f"the heights in {exposures.source.name} are {abs(up):.1f} m "
+            f"{'above' if up > 0 else 'below'} those of {track.source.name} (median): is one of "
+            "the two above the geoid, the other above the ellipsoid?"
+        )
     return best
 
 
-def _sigma(track: Track, exposures: Exposures) -> float:
+def _sigma(track: Track, exposures: Exposures, axes: tuple[str, ...] = ("sx", "sy")) -> float:
     """Standard deviation of a difference of positions, m, by what both files state."""
     every: list[float] = []
     for table in (track.table, exposures.table):
-        stated = table[["sx", "sy"]].to_numpy(float) if {"sx", "sy"} <= set(table) else np.zeros(0)
+        stated = table[list(axes)].to_numpy(float) if set(axes) <= set(table) else np.zeros(0)
         stated = stated[np.isfinite(stated)]
         every.append(float(np.median(stated)) if len(stated) else _UNSTATED_M)
     return max(math.hypot(*every), _LEAST_SIGMA_M)

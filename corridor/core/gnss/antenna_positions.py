@@ -12,11 +12,11 @@ from corridor.core.block import RHO, Block, correlations, covariances
 from corridor.core.brief import brief
 from corridor.core.errors import InputError, WorkFailed
 from corridor.core.gnss.alignment import align
-from corridor.core.gnss.coordinates import Local, convert, to_local
+from corridor.core.gnss.coordinates import Local, known_crs, to_local
 from corridor.core.gnss.exposures import Exposures
-from corridor.core.gnss.frames import FRAME, local_frame
+from corridor.core.gnss.frames import FRAME, convert_within, in_metres, local_frame
 from corridor.core.gnss.interpolation import Interpolated, Interpolation, interpolate
-from corridor.core.gnss.track import GEOGRAPHIC, Track, check_quality
+from corridor.core.gnss.track import Track, check_quality
 from corridor.core.options import options
 from corridor.core.output import whole_file, whole_files, write_picture
 
@@ -138,8 +138,8 @@ def antenna(
         Sigmas are east, north, up: a grid's own north is taken for north.
     track_system, exposures_system: see `align`.
     Exposures without names get their number as `image`.
-    Raises InputError for a track or times that do not fit; WorkFailed where no exposure is
-    left.
+    Raises InputError for a track or times that do not fit, and for a crs that is not of that
+    place or not in metres (or degrees); WorkFailed where no exposure is left.
     """
     check_quality(track)
     alignment = align(track, exposures, track_system, exposures_system)
@@ -179,9 +179,8 @@ def antenna(
     if exposures.resolution_s:
         notes += (_of_resolution(exposures, made),)
     notes += _of_standing(made)
-    return Antenna(
-        gnss, refused, made, local, frame, crs == GEOGRAPHIC, tuple(dict.fromkeys(notes))
-    )
+    degrees = crs is not None and known_crs(crs).is_geographic
+    return Antenna(gnss, refused, made, local, frame, degrees, tuple(dict.fromkeys(notes)))
 
 
 def _of_strays(names: np.ndarray, exposures: pd.DataFrame, segment: np.ndarray) -> tuple:
@@ -280,7 +279,9 @@ def _in_frame(
             f"local east, north, up about {frame.lat_deg:.4f}, {frame.lon_deg:.4f} degrees, "
             f"height {frame.height:g} m"
         )
-    moved = convert(own.to_geographic(points), GEOGRAPHIC, crs) - offset
+    if not known_crs(crs).is_geographic:
+        in_metres(crs)
+    moved = convert_within(own.to_geographic(points), crs) - offset
     shifted = f" minus {', '.join(f'{value:.10g}' for value in offset)}" if offset.any() else ""
     return moved, f"{crs}{shifted}"
 

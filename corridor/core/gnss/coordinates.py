@@ -90,7 +90,16 @@ class Local:
         return convert(self.to_geographic(points), GEOGRAPHIC, crs)
 
     def from_geographic(self, points: np.ndarray) -> np.ndarray:
-        """(n, 3) east, north, up of longitude, latitude (degrees) and height (n, 3)."""
+        """(n, 3) east, north, up of longitude, latitude (degrees) and height (n, 3).
+
+        Raises InputError for a latitude that is none.
+        """
+        high = np.abs(np.asarray(points, dtype=float).reshape(-1, 3)[:, 1]) > 90
+        if high.any():
+            raise InputError(
+                f"latitude {np.asarray(points).reshape(-1, 3)[high, 1][0]:g} is none: latitude and "
+                "longitude are exchanged, or the coordinates are not in degrees"
+            )
         return _columns(_topocentric(*self.origin), points)
 
     def to_geographic(self, points: np.ndarray) -> np.ndarray:
@@ -203,11 +212,17 @@ def _missing_grids(source: str, target: str) -> tuple[str, ...]:
     return tuple(g.short_name for one in first for g in one.grids if not g.available)
 
 
-def outside_area(points: np.ndarray, crs: str) -> str:
+# Zones of UTM are used far beyond their borders: zone 32 for all of Bavaria, to 14 degrees east,
+# zone 33 (12 to 18) for all of Norway, 4 to 31; other grids a little.
+_BEYOND_UTM_DEG, _BEYOND_DEG = 15.0, 1.0
+
+
+def outside_area(points: np.ndarray, crs: str, converted: bool = False) -> str:
     """A sentence where points (n, 3) lie outside the area of use of their CRS; empty elsewhere.
 
-    The median of the points counts, and one degree beyond the area is allowed: national grids are
-    used a little beyond their borders. A CRS without a stated area covers the Earth.
+    The median of the points counts, and some degrees beyond the area are allowed. A CRS without a
+    stated area covers the Earth. converted: into the CRS, from a place that is sure. Others may be
+    local metres, which lie on the equator, beside the zone.
     """
     points = np.asarray(points, dtype=float).reshape(-1, 3)
     points = points[np.isfinite(points).all(axis=1)]
@@ -222,9 +237,12 @@ def outside_area(points: np.ndarray, crs: str) -> str:
     area = system.area_of_use
     if area is None:
         return ""
-    east = (lon - area.west + 1.0) % 360
+    told = system.utm_zone and (converted or area.south > _BEYOND_DEG)
+    beyond = _BEYOND_UTM_DEG if told else _BEYOND_DEG
+    east = (lon - area.west + beyond) % 360
     width = (area.east - area.west) % 360 or 360.0
-    if area.south - 1 <= lat <= area.north + 1 and (east <= width + 2 or width >= 358):
+    wide = width + 2 * beyond
+    if area.south - 1 <= lat <= area.north + 1 and (east <= wide or wide >= 360):
         return ""
     return f"{shown.format('lie outside')} ({area.name.rstrip('.')[:80]})"
 

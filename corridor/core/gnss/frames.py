@@ -13,7 +13,7 @@ import numpy as np
 from corridor.core.block import Block
 from corridor.core.errors import InputError
 from corridor.core.geometry import similarity
-from corridor.core.gnss.coordinates import Local, convert, known_crs
+from corridor.core.gnss.coordinates import Local, convert, known_crs, outside_area
 from corridor.core.gnss.track import GEOGRAPHIC
 
 FRAME = "local_frame"
@@ -91,6 +91,50 @@ def places_of(block: Block) -> np.ndarray:
         if np.isfinite(places).all(axis=1).any():
             return places
     raise InputError("the block has no coordinates; there is nothing to convert")
+
+
+def metric(crs: str) -> tuple[str, float]:
+    """The same grid counted in metres, and how many metres its own unit has; 1.0: it is metric."""
+    system = known_crs(crs)
+    unit = float(system.axis_info[0].unit_conversion_factor)
+    if not system.is_projected or abs(unit - 1) < 1e-9:
+        return crs, 1.0
+    table = system.to_json_dict()
+    for part in (table, *table.get("components", ())):
+        part.pop("id", None)
+        for axis in part.get("coordinate_system", {}).get("axis", ()):
+            axis["unit"] = "metre"
+    table["name"] = f"{system.name} in metres"
+    return type(system).from_json_dict(table).to_wkt(), unit
+
+
+def in_metres(crs: str) -> None:
+    """Raises InputError unless a CRS is a grid in metres, as a block's coordinates have to be."""
+    system = known_crs(crs)
+    if not system.is_projected:
+        raise InputError(f"crs {crs} is not in metres of a grid; give one that is, as EPSG:32647")
+    if metric(crs)[1] != 1.0:
+        raise InputError(
+            f"crs {crs} counts in {system.axis_info[0].unit_name}, and a block in metres; give a "
+            "system in metres of the same place"
+        )
+
+
+def convert_within(places: Any, crs: str) -> np.ndarray:
+    """Longitude, latitude (degrees), height (n, 3) in a CRS.
+
+    Raises InputError where they lie outside its area of use.
+    """
+    places = np.asarray(places, dtype=float)
+    made = convert(places, GEOGRAPHIC, crs)
+    outside = outside_area(made, crs, converted=True)
+    if outside:
+        lon, lat, _ = np.median(places, axis=0)
+        raise InputError(
+            f"{outside}, and the block lies at latitude {lat:.2f}, longitude {lon:.2f}: give a "
+            "system of that place"
+        )
+    return made
 
 
 def grid_distortion(block: Block) -> tuple[float, float] | None:

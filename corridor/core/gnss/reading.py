@@ -27,13 +27,17 @@ _RAW = {
     "NAVIGATION DATA": "orbits of satellites (RINEX)",
     "GNSS NAV DATA": "orbits of satellites (RINEX)",
     "COMPACT RINEX": "a receiver's observations (RINEX, packed)",
-    "$GPGGA": "a receiver's messages (NMEA)",
-    "$GNGGA": "a receiver's messages (NMEA)",
+    "$GP": "a receiver's messages (NMEA)",
+    "$GN": "a receiver's messages (NMEA)",
     # Binary ones begin so.
     "\xb5b": "a receiver's raw data (u-blox UBX)",
     "$@": "a receiver's raw data (Septentrio SBF)",
     "\xd3\0": "a receiver's raw data (RTCM)",
 }
+_SBET = (
+    "a trajectory of POSPac, which has no one form: write its columns as the track.csv of a block "
+    "(time_s, x, y, z, sx, sy, sz), and name that"
+)
 
 
 def read_track(path: str | Path) -> Track:
@@ -105,6 +109,8 @@ def _read(path: Path) -> Track | Exposures:
         raise InputError(f"{path} does not exist; correct the path")
     if path.suffix == ".parquet":
         return block_table.read(path)
+    if path.suffix.lower() in (".out", ".sbet") and "sbet" in path.name.lower():
+        raise InputError(f"{path.name} is {_SBET}")
     with path.open("rb") as file:
         start = file.read(2).decode("latin-1")
     head = start if start in _RAW else "\n".join(read_lines(path)[:_HEAD_LINES])
@@ -120,10 +126,7 @@ def _read(path: Path) -> Track | Exposures:
                 "GrafNav) and give the result, such as a .pos and its _events.pos"
             )
     if "POSPAC" in head.upper() or "SBET" in head.upper():
-        raise InputError(
-            f"{path.name} is a trajectory of POSPac, whose text has no one form: write its columns "
-            "as the track.csv of a block (time_s, x, y, z, sx, sy, sz), and name that"
-        )
+        raise InputError(f"{path.name} is {_SBET}")
     titles = ", ".join(module.TITLE for module in _formats())
     raise InputError(
         f"{path.name} is in no format that is known, or its header is missing; give {titles}"

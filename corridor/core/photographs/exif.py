@@ -83,7 +83,8 @@ def _taken(moment: str, decimals: str, zone: str) -> Taken | None:
 
 
 def _text(value) -> str:
-    return str(value or "").replace("\0", "").strip()
+    # Text ends at the first zero; what some cameras leave behind it is none.
+    return str(value or "").partition("\0")[0].strip()
 
 
 def _number(value) -> float | None:

@@ -9,7 +9,6 @@ from corridor.core.preparation.half_turns import (
     without_turned_starts,
 )
 from corridor.core.preparation.plausibility import (
-    SLOWEST_READOUT_S,
     UNITS_M,
     mirrored,
     plausibility_warnings,

@@ -7,7 +7,7 @@ start poses do, turned: a is the argument of the sum of z conj(w) about their me
 Source: the least-squares rotation in a plane (Helmert; Umeyama 1991, in two dimensions).
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -40,14 +40,17 @@ class AsPosed(NamedTuple):
     ray: np.ndarray
 
 
-def as_posed(block: Block, table: str, step: int = 1) -> AsPosed:
-    """Of the image points of a table every so-many-th."""
+def as_posed(
+    block: Block, table: str, step: int = 1, meant: Callable[[np.ndarray], np.ndarray] = np.copy
+) -> AsPosed:
+    """Of the image points of a table every so-many-th; meant: of quaternions (n, 4) those that
+    count in their place."""
     rows = getattr(block, table)
     image = block.image_rows(table)[::step]
     pose, point = block.poses[image], block.positions(table)[rows["point"].array.codes[::step]]
     known = np.flatnonzero(np.isfinite(pose).all(axis=1) & np.isfinite(point).all(axis=1))
     pose, away = pose[known], point[known] - pose[known, :3]
-    seen = np.einsum("nij,nj->ni", rotation_from_quaternion(pose[:, 3:]), away)
+    seen = np.einsum("nij,nj->ni", rotation_from_quaternion(meant(pose[:, 3:])), away)
     ahead = seen[:, 2] > 0
     known, seen = known[ahead], seen[ahead]
     pixel = np.stack([rows[axis].to_numpy(float)[::step][known] for axis in "xy"], axis=1)

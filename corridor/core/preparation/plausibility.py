@@ -18,12 +18,10 @@ from corridor.core.geometry import (
     robust_scale_of_lengths,
 )
 from corridor.core.output import counted
-from corridor.core.preparation.half_turns import as_posed, turned_images
+from corridor.core.preparation.half_turns import AsPosed, as_posed, turned_images
 from corridor.core.preparation.plausibility_of_motion import motion_warnings
 from corridor.core.preparation.plausibility_on_earth import earth_warnings
 
-# Readouts of frame sensors end at a quarter of a second.
-SLOWEST_READOUT_S = 0.5
 # Observations outside their picture: a few are bad matches, which are named one by one.
 _SHARE_OUTSIDE = 0.02
 # What distortion and simulated effects push over the edge stays within this share of it.
@@ -110,13 +108,15 @@ def _settings(block: Block) -> Iterator[str]:
                     f"block.toml: {key} of [camera.{name}] is not known to corridor and not "
                     f"used{near}."
                 )
-        if camera.too_short:
-            yield f"block.toml: f = {camera['f']:g} of [camera.{name}] {camera.too_short}."
-        readout = camera.readout_s
-        if readout is not None and readout > SLOWEST_READOUT_S:
+        yield from (f"block.toml, [camera.{name}]: {slip}." for slip in camera.slips)
+    heights = [block.numbers(table, "z") for table in ("images", "points")]
+    above, below = (z[np.isfinite(z)] for z in heights)
+    for name, arm in block.lever_arm.items() if len(above) and len(below) else ():
+        high = float(np.median(above) - np.median(below))
+        if (length := float(np.linalg.norm(arm))) > high > 0:
             yield (
-                f"block.toml: readout_s = {readout:g} of [camera.{name}] is longer than any "
-                f"shutter: it is in seconds, {readout:g} ms are {readout / 1000:g}."
+                f"block.toml: the lever arm of {name} is {length:.4g} m long, longer than the "
+                f"flight is high ({high:.0f} m): lever arms are in metres."
             )
 
 
@@ -239,14 +239,20 @@ def _outside(block, camera, mine, pixels) -> str:
     )
 
 
+# What quaternions may be that are not those of images.csv: what is told, and those that were meant.
+_OTHER_TURNS = (
+    ("qw is the last of the four", lambda q: q[:, [3, 0, 1, 2]]),
+    ("the turns are those from camera to world", lambda q: q * [1.0, -1.0, -1.0, -1.0]),
+    ("qw is the last of the four, and the turns are those from camera to world",
+     lambda q: q[:, [3, 0, 1, 2]] * [1.0, -1.0, -1.0, -1.0]),
+)  # fmt: skip
+
+
 def mirrored(block: Block) -> Iterator[str]:
-    """A sentence on axes of the image coordinates that no pose of a camera makes of the others, as
-    start values tell."""
-    _, measured, ray = as_posed(block, "tie_points", max(len(block.tie_points) // 2000, 1))
-    if len(measured) < _LEAST_COUNT:
-        return
-    with np.errstate(invalid="ignore"):  # a coordinate that never varies goes with nothing
-        (xu, xv), (yu, yv) = np.corrcoef(measured.T, ray.T)[:2, 2:]
+    """A sentence on axes of the image coordinates that no pose of a camera makes of the others, or
+    on quaternions of another order or sense, as start values tell."""
+    step = max(len(block.tie_points) // 2000, 1)
+    (xu, xv), (yu, yv) = _alike(as_posed(block, "tie_points", step))
     if xu > _CLEAR and yv < -_CLEAR:
         yield (
             "Image coordinates run against the start poses in y: is y counted upwards? It is "
@@ -262,6 +268,21 @@ def mirrored(block: Block) -> Iterator[str]:
             "Image coordinates fit the start poses with x and y exchanged: x is to the right, y "
             "downwards."
         )
+    elif not (xu > _CLEAR and yv > _CLEAR):
+        for told, meant in _OTHER_TURNS:
+            (xu, _), (_, yv) = _alike(as_posed(block, "tie_points", step, meant))
+            if xu > _CLEAR and yv > _CLEAR:
+                yield f"Image coordinates fit the start poses if {told} (qw to qz of images.csv)."
+                return
+
+
+def _alike(seen: AsPosed) -> np.ndarray:
+    """Correlations (2, 2) of x, y with u, v; 0 of hardly any."""
+    _, measured, ray = seen
+    if len(measured) < _LEAST_COUNT:
+        return np.zeros((2, 2))
+    with np.errstate(invalid="ignore"):  # a coordinate that never varies goes with nothing
+        return np.corrcoef(measured.T, ray.T)[:2, 2:]
 
 
 def without_impossible_points(block: Block, strict: bool = False) -> tuple[Block, list[str]]:
@@ -326,6 +347,11 @@ def _marks_of_other_pictures(block: Block) -> Iterator[str]:
     off = np.median(np.linalg.norm(measured - there, axis=1))
     left = np.median(np.linalg.norm(measured - factor * there, axis=1))
     for words, other in (
+        ("they were counted from the middle", measured + size / 2),
+        (
+            "they were counted from the middle, y upwards",
+            size / 2 + measured * [1.0, -1.0],
+        ),
         ("y were counted upwards", np.column_stack([measured[:, 0], size[:, 1] - measured[:, 1]])),
         ("the pictures were turned by 180 degrees", size - measured),
         (
@@ -364,8 +390,8 @@ def _positions(block: Block) -> Iterator[str]:
     antenna[block.image_rows("gnss")] = block.numbers("gnss", *"xyz")
     told = (
         position_difference("gnss.csv", antenna, "images.csv", centres)
-        or _flights_apart(block, antenna - centres)
         or _displaced(block, antenna, centres)
+        or _flights_apart(block, antenna - centres)
     )
     if told:
         yield told
@@ -406,6 +432,12 @@ def _displaced(block: Block, antenna: np.ndarray, centres: np.ndarray) -> str:
         places: _median_apart(given[max(-places, 0) :], known[max(places, 0) :])
         for places in range(-_PLACES, _PLACES + 1)
     }
+    backward = _median_apart(given[::-1], known)
+    if backward < min(_ELSEWHERE * min(away.values()), away[0] - _STRAY_M):
+        return (
+            f"gnss.csv gives the images their positions from the last to the first: read so, they "
+            f"lie {backward:.1f} m (median) from those of images.csv; as given, {away[0]:.1f} m."
+        )
     best = min(away, key=lambda places: away[places])
     if not best or not away[best] < min(_ELSEWHERE * away[0], away[0] - _STRAY_M):
         return ""
@@ -449,6 +481,12 @@ def position_difference(file: str, given: np.ndarray, other: str, known: np.ndar
     swapped = given[:, [1, 0]] - known[:, :2]
     if np.median(np.abs(swapped)) < 0.05 * np.median(np.abs(away[:, :2])):
         return f"{file} has x and y exchanged beside {other}: x is east, y north."
+    for unit, metres in UNITS_M.items():
+        for one, mine, others in ((file, given, known), (other, known, given)):
+            wide = np.ptp(others[:, :2], axis=0).max()
+            # No flight is less than a metre wide: then it is the other table that counts otherwise.
+            if np.median(np.abs(metres * mine - others)) < 0.05 * wide and wide > _STRAY_M:
+                return f"{one} is in {unit}: write metres."
     level = np.abs(middle[:2]).max() < min(_FAR_UP_M, 0.3 * abs(middle[2]))
     if level and spread.max() < max(0.25 * abs(middle[2]), 2.0):
         for one, mine, two, others in ((file, given, other, known), (other, known, file, given)):

@@ -22,6 +22,8 @@ from corridor.core.simulation.plan import Flight, Plan
 MOST_IMAGES = 1_000_000
 # A ray flatter than this meets the ground too far away to be of use.
 _FLATTEST_DEG = 84.5
+# Overlap of a flight that states none.
+_FORWARD = 0.8
 
 
 @brief
@@ -90,8 +92,14 @@ def strips_of(flight: Flight, camera: Camera, axis: Axis) -> Strips:
     if not end > begin:
         raise InputError(f"flight {flight.name}: stations_m = [{begin:g}, {end:g}] has no length")
     forward, speed, interval = flight.forward, flight.speed_m_s, flight.interval_s
+    usual = (1 - _FORWARD) * width[0] * heights
+    if axis.length < usual.min():
+        raise InputError(
+            f"flight {flight.name}: the axis is {axis.length:.3g} m long, and its pictures show "
+            f"{width[0] * heights.min():.3g} m: axis_m is in metres, not in degrees or kilometres"
+        )
     if forward is not None or (speed is None and flight.images is None):
-        base = (1 - (0.8 if forward is None else forward)) * width[0] * heights
+        base = usual if forward is None else (1 - forward) * width[0] * heights
         if speed is not None:
             interval = float(base.mean() / speed)
     elif speed is not None:

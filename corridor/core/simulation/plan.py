@@ -342,8 +342,8 @@ class Plan:
                 f"[camera.{flight.camera}]"
             )
         camera = known[flight.camera]
-        if camera.too_short:
-            raise InputError(f"camera {flight.camera}: f = {camera['f']:g} {camera.too_short}")
+        if camera.slips:
+            raise InputError(f"camera {flight.camera}: {camera.slips[0]}")
         return camera
 
     def axis_of(self, flight: Flight) -> Axis:
@@ -432,7 +432,9 @@ def _read(path: Path) -> Plan:
         table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror}): give a plan") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not UTF-8: save it as UTF-8") from None
+    except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path} is not valid TOML: {error}") from error
     try:
         return _plan(path.stem, table)

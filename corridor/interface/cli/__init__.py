@@ -17,6 +17,7 @@ import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import ModuleType
 
 from corridor.core import __version__, registry
@@ -134,6 +135,12 @@ def _check_output(options: argparse.Namespace) -> None:
     mark = getattr(sys.modules[options.run.__module__], "MARK", None)
     if mark is not None:
         check_folder(output, mark)
+        given = [each for name, each in vars(options).items() if name != "output"]
+        every = [path for each in given for path in (each if isinstance(each, list) else [each])]
+        if any(isinstance(path, Path) and path.resolve() == output.resolve() for path in every):
+            raise InputError(
+                f"{output} is what is read, and would be replaced; name another folder with -o"
+            )
 
 
 @contextmanager

@@ -1,20 +1,13 @@
 """Where the cameras stand and what they see: footprints in plan, and the flight in space."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from corridor.core.block import corner_rays, footprints
+from corridor.core.block import Block, corner_rays, footprints
 from corridor.core.output import short
 from corridor.interface.figures import maps, style
-
-if TYPE_CHECKING:
-    from corridor.core.block import Block
 
 MOST_IMAGES, MOST_FOOTPRINTS = 600, 12
 _LINES = ("-", "--", ":", "-.")

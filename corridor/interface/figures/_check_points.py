@@ -26,33 +26,25 @@ def check_points(adjustment: Adjustment) -> Figure:
 
     Horizontal as arrows, height as a bar up (too high) or down (too low), both at one stated scale.
     """
-    title = f"{short(adjustment.block.name, 50)}: check points, adjusted minus given"
-    if not len(adjustment.check_points):
-        return style.sentence(NONE, title)
-    return _maps([adjustment], [""], title)
+    return _maps([adjustment], [""])
 
 
 def compare_check_points(
     a: Adjustment, b: Adjustment, labels: tuple[str, str] = ("first", "second")
 ) -> Figure:
     """The check-point differences of two adjustments of one block, at one stated scale."""
-    title = f"{short(a.block.name, 50)}: check points, adjusted minus given"
-    if not len(a.check_points) and not len(b.check_points):
-        return style.sentence(NONE, title)
-    return _maps([a, b], list(labels), title)
+    return _maps([a, b], list(labels))
 
 
 def check_points_moved(before: Adjustment, after: Adjustment) -> Figure:
     """The check-point differences before (grey) and after (in colour) on one map."""
-    title = f"{short(before.block.name, 50)}: check points, adjusted minus given"
-    if not len(before.check_points):
+    return _maps([before, after], ["before", "after"], one_map=True)
+
+
+def _maps(results: list[Adjustment], labels: list[str], one_map: bool = False) -> Figure:
+    title = f"{short(results[0].block.name, 50)}: check points, adjusted minus given"
+    if not any(len(result.check_points) for result in results):
         return style.sentence(NONE, title)
-    return _maps([before, after], ["before", "after"], title, one_map=True)
-
-
-def _maps(
-    results: list[Adjustment], labels: list[str], title: str, one_map: bool = False
-) -> Figure:
     frame = maps.frame_of(results[0].block)
     tables = [_table(result, frame) for result in results]
     places = [maps.centres(r.block) for r in results] + [

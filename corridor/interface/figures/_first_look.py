@@ -1,21 +1,15 @@
 """What a block holds, before anything is computed."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
+from corridor.core.block import Block
+from corridor.core.camera import Camera
 from corridor.core.output import counted, short
 from corridor.interface.figures import maps, style
-
-if TYPE_CHECKING:
-    from corridor.core.block import Block
-    from corridor.core.camera import Camera
 
 MOST_POINTS = 6000
 MOST_RAYS = 20

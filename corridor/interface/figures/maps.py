@@ -1,9 +1,6 @@
 """Maps of a block: turned so that a long corridor lies across the sheet."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -11,11 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from corridor.core.block import Block
 from corridor.core.output import short
 from corridor.interface.figures import style
-
-if TYPE_CHECKING:
-    from corridor.core.block import Block
 
 TURNED_FROM = 2.0  # length over breadth of the cameras from which on the map is turned
 DOTS_FROM = 200  # ground points of one role from which on they are drawn as dots

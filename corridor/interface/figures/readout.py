@@ -1,13 +1,11 @@
 """How a readout time was measured: photographs, what was fitted to them, and what is left over."""
 
-import math
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from corridor.core.output import short
+from corridor.core.output import rounded, short
 from corridor.interface.figures import style
 
 _MOST_SHOWN = 400  # measured points in a photograph
@@ -136,13 +134,8 @@ def _photo(axes: Axes, grey, pale=True):
 
 
 def _title(readout):
-    # Two digits of the sigma, and as many decimals of the value.
-    sigma = max(readout.sigma_ms, 1e-5)
-    decimals = max(0, 1 - math.floor(math.log10(sigma)))
-    return (
-        f"Readout time {readout.readout_ms:.{decimals}f} \u00b1 {sigma:.{decimals}f} ms, "
-        f"first to last of {readout.rows} rows"
-    )
+    value, sigma = rounded(readout.readout_ms, max(readout.sigma_ms, 1e-5))
+    return f"Readout time {value} \u00b1 {sigma} ms, first to last of {readout.rows} rows"
 
 
 def _note(readout):

@@ -1,19 +1,17 @@
 """What an adjustment found, for a terminal, a notebook, another program and a folder."""
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.special import chdtri
 
-from corridor.core.adjustment import tested_by
+from corridor.core.adjustment import Adjustment, tested_by
 from corridor.core.output import (
     DASH,
     Report,
@@ -36,9 +34,6 @@ from corridor.core.output import (
     write_json,
     write_picture,
 )
-
-if TYPE_CHECKING:
-    from corridor.core.adjustment import Adjustment
 
 RESULT = "adjustment.json"
 CAPTIONS = {

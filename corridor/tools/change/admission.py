@@ -60,18 +60,21 @@ class Objection:
 class Coordinates:
     """Given coordinates (k, 3), m, of ground points of both dates, second minus first.
 
-    names, control (k,): whether a point is control at one of them. differ (k,): beyond what both
-    surveys' standard deviations allow, or at all where most are the same.
+    names, control (k,): whether a point is control at one of them. sigma (k, 3), m: of both
+    surveys. differ (k,): beyond what these allow, by itself or as all do; or at all where most
+    are the same.
     """
 
     names: list[str]
     control: np.ndarray
     difference: np.ndarray
+    sigma: np.ndarray
     differ: np.ndarray
 
     @classmethod
     def of(cls, before: Block, after: Block) -> Coordinates:
-        """Compared by the chi-square of each point, at `FALSE_REFUSAL` divided among all."""
+        """Compared by the chi-square of each point, at `FALSE_REFUSAL` divided among all, and by
+        that of their median, which errors of single points average out of."""
         sides = [
             {
                 str(name): (xyz, sigma, role == "control")
@@ -92,13 +95,18 @@ class Coordinates:
         apart = np.array([b[0] - a[0] for a, b in zip(first, second, strict=True)]).reshape(-1, 3)
         sigma = np.array([np.hypot(a[1], b[1]) for a, b in zip(first, second, strict=True)])
         sigma = sigma.reshape(-1, 3)
-        size = np.sum((apart / sigma) ** 2, axis=1)
-        differ = size > chi2.isf(FALSE_REFUSAL / max(len(names), 1), 3)
+        differ = _beyond(apart, sigma)
+        if len(names):
+            middle = np.median(apart, axis=0)
+            # The median of n has pi / 2 times the variance of their mean.
+            of_middle = np.sqrt(0.5 * np.pi / len(names)) * np.median(sigma, axis=0)
+            if _beyond(middle[None], of_middle[None])[0]:
+                differ |= ~_beyond(apart - middle, sigma)
         # Where most are of one survey, what differs from it is no noise of a survey.
         other = (np.abs(apart) > np.maximum(SAME_M, 0.1 * sigma)).any(axis=1)
         if other.sum() < 0.5 * len(other):
             differ |= other
-        return cls(names, control, apart, differ)
+        return cls(names, control, apart, sigma, differ)
 
     @property
     def two_datums(self) -> bool:
@@ -114,8 +122,9 @@ class Coordinates:
         """That the dates are in two datums."""
         if not self.two_datums:
             return
-        median = np.median(self.difference[self.differ], axis=0)
-        left = np.abs(self.difference[self.differ] - median).max()
+        apart, sigma = self.difference[self.differ], self.sigma[self.differ]
+        median = np.median(apart, axis=0)
+        left = np.abs((apart - median)[_beyond(apart - median, sigma)]).max(initial=0.0)
         which = (
             f"{self.differ.sum()} of {len(self.differ)} ground points have other coordinates in "
             "the second ground.csv than in the first"
@@ -173,6 +182,12 @@ class Coordinates:
 
     def _named(self, which: np.ndarray) -> list[str]:
         return [name for name, yes in zip(self.names, which, strict=True) if yes]
+
+
+def _beyond(apart: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Which of vectors (k, 3) their standard deviations do not allow (k,)."""
+    size = np.sum((apart / sigma) ** 2, axis=1)
+    return size > chi2.isf(FALSE_REFUSAL / max(len(size), 1), 3)
 
 
 # --- an epoch against its own model ------------------------------------------------------------

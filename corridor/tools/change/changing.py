@@ -44,11 +44,11 @@ from corridor.tools.change.explanation import (
     gathered,
 )
 from corridor.tools.change.joint import Joint
-from corridor.tools.change.layers import Layers, layers
+from corridor.tools.change.layers import layers, typical
 from corridor.tools.change.points import point_changes
 from corridor.tools.change.registration import registered
 from corridor.tools.change.result import Change, Compared
-from corridor.tools.change.sentence import told_torn
+from corridor.tools.change.sentence import patch_apart, patch_layers, patch_some
 from corridor.tools.change.signature import Signatures
 from corridor.tools.change.surface import PatchChange, SurfaceChange, surface_change, volume
 from corridor.tools.change.together import joined
@@ -116,7 +116,7 @@ def change(
     objections += _objections(remaining or compared, run.model)
     if not compared.joint.common_control and asked.bias is None and asked.datum == "stated":
         notes.append(_NO_COMMON_CONTROL)
-    notes += told_torn((remaining or compared).torn)
+    notes += (patch_apart(*one) for one in (remaining or compared).torn)
     names = tuple(block.name for block in blocks)
     return Change(
         names, run.asked, compared, remaining, explanation, gained, tuple(notes), tuple(objections)
@@ -272,15 +272,23 @@ class _Run:
         compared, evidence = self._judged(compared)
         if evidence is None or not self.asked.camera:
             return compared, None, None
-        first = explain(evidence, level, compared.moved)
+        first = explain(evidence, level, compared.moved, compared.doubted)
         if not any(first.shown):
             return compared, None, first
-        if self.stable is None:
-            remaining = self.apart(compared.adjustments, first.shown)
-        else:
-            remaining = self.together(first.shown)
-        remaining, again = self._judged(remaining)
-        return compared, remaining, explained_again(first, evidence, again, level, remaining.moved)
+        shown, more = (), first.shown
+        # With one effect modelled the measurements may show another.
+        while more != shown:
+            shown = more
+            if self.stable is None:
+                remaining = self.apart(compared.adjustments, shown)
+            else:
+                remaining = self.together(shown)
+            remaining, again = self._judged(remaining)
+            more = tuple(a | one.shown() for a, one in zip(shown, again.signatures, strict=True))
+        told = explained_again(
+            first, evidence, again, level, shown, remaining.moved, remaining.doubted
+        )
+        return compared, remaining, told
 
     def _judged(self, compared: Compared) -> tuple[Compared, Evidence | None]:
         """The comparison with what moved beside every effect, and what was tested for that; None
@@ -293,28 +301,36 @@ class _Run:
             self.say("what the camera could do to the ground")
             signatures = tuple(Signatures(epoch) for epoch in compared.joint.epochs)
         evidence = gathered(compared.joint, points, surface, signatures)
-        patches, torn = [], []
+        patches, torn, apart = [], [], []
         for one in evidence.patches(0.5 * level):
             patch = PatchChange.of(surface, evidence.cores_of(one), one.probability)
-            twofold = _twofold(compared.joint, surface, patch.rows, self.asked.surfaces["degree"])
-            (torn if twofold else patches).append((patch, *twofold) if twofold else patch)
-        return replace(
-            compared,
-            points=evidence.judged(points, level),
-            patches=tuple(patches),
-            torn=tuple(torn),
-        ), evidence
+            why = _no_ground(compared.joint, surface, patch, self.asked.surfaces["degree"])
+            if why is None:
+                patches.append(patch)
+            else:
+                torn.append((patch, why))
+                apart.append(one)
+        evidence = evidence.besides(apart)
+        points = evidence.judged(points, level)
+        return replace(compared, points=points, patches=tuple(patches), torn=tuple(torn)), evidence
 
 
-def _twofold(
-    joint: Joint, surface: SurfaceChange, rows: np.ndarray, degree: int
-) -> tuple[str, Layers] | None:
-    """The date whose strips show two surfaces at some core points, and these."""
-    for cloud, date in zip((joint.before, joint.after), _DATES, strict=True):
-        found = layers(cloud, surface.cores.only(rows), degree)
+def _no_ground(joint: Joint, surface: SurfaceChange, patch: PatchChange, degree: int) -> str | None:
+    """Why a patch is no ground, for a sentence: the strips of one date show two surfaces, or some
+    of its points alone lie higher at one date."""
+    cores, clouds = surface.cores.only(patch.rows), (joint.before, joint.after)
+    for cloud, date in zip(clouds, _DATES, strict=True):
+        found = layers(cloud, cores, degree)
         if found is not None:
-            return date, found
-    return None
+            return patch_layers(found, date)
+    higher = int(patch.change > 0.0)
+    rough = np.nanmean(surface.roughness[patch.rows] ** 2, axis=0)
+    moved = typical(clouds, cores, degree)
+    if surface.registration is not None:
+        moved -= np.mean(surface.registration.of_motion[patch.rows])
+    # Nearer to no motion than to that of the mean; a hole makes the lower date the rougher one.
+    some = moved / patch.change < 0.5 and rough[higher] > rough[1 - higher]
+    return patch_some(moved, _DATES[higher], cores.radius) if some else None
 
 
 def _stable_names(compared: Compared, stable: Iterable[str] | None) -> list[str]:

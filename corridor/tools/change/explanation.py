@@ -92,6 +92,23 @@ class Evidence:
         z = normal_scores(value[at] / sigma, self.freedom[at])
         return patches(z, covariance / sigma[:, None] / sigma, self.near, level)
 
+    def besides(self, some: list[Patch]) -> Evidence:
+        """The same without the cells of some patches."""
+        at = np.flatnonzero(self.of_surface)
+        gone = np.isin(np.arange(len(at)), [cell for one in some for cell in one.cells])
+        left = np.setdiff1d(np.arange(len(self)), at[gone])
+        return replace(
+            self,
+            value=self.value[left],
+            covariance=self.covariance[np.ix_(left, left)],
+            places=self.places[left],
+            of_surface=self.of_surface[left],
+            effect=tuple(effect[left] for effect in self.effect),
+            freedom=self.freedom[left],
+            cells=None if self.cells is None else self.cells[~gone],
+            near=None if self.near is None else self.near[np.ix_(~gone, ~gone)],
+        )
+
     def cores_of(self, patch: Patch) -> np.ndarray:
         """Numbers of the core points of a patch."""
         return np.unique(self.cells[patch.cells].indices)
@@ -176,10 +193,11 @@ class Explanation:
     estimated with its prior, and with those that the measurements show. visible: whether the
     change as adjusted would be significant with the covariance of `shown_modelled`. shown: the
     effects that the measurements of each epoch show. moved: whether a point or a patch of the
-    surface did, beside every effect. table: epoch, effect, what the epoch says of
-    it (log_evidence), share of the change that has its shape, share that its value explains,
-    probability against ground motion, whether it alone could hide the change. explained: share of
-    what is beyond noise that is gone with all of `shown` modelled.
+    surface did, beside every effect; doubted: whether a point did, but an effect could have moved
+    it. table: epoch, effect, what the epoch says of it (log_evidence), share of the change that has
+    its shape, share that its value explains, probability against ground motion, whether it alone
+    could hide the change. explained: share of what is beyond noise that is gone with all of `shown`
+    modelled.
     """
 
     as_adjusted: Test
@@ -190,6 +208,7 @@ class Explanation:
     table: pd.DataFrame
     explained: float = 0.0
     moved: bool = False
+    doubted: bool = False
 
     @property
     def verdict(self) -> str:
@@ -205,11 +224,11 @@ class Explanation:
         gone = not left.significant or (not left.located and self.explained > NEARLY_ALL)
         if any(self.shown) and told and gone:
             return "camera"
-        return "undecided" if self.as_adjusted.located else "nothing"
+        return "undecided" if self.as_adjusted.located or self.doubted else "nothing"
 
 
-def explain(evidence: Evidence, level: float, moved: bool) -> Explanation:
-    """What effects do to a change; moved: whether a place of it did beside them all."""
+def explain(evidence: Evidence, level: float, moved: bool, doubted: bool = False) -> Explanation:
+    """What effects do to a change; moved, doubted: see `Explanation`."""
     plain = evidence.test(level)
     shown = tuple(signatures.shown() for signatures in evidence.signatures)
     value, covariance = evidence.without(shown)
@@ -222,26 +241,33 @@ def explain(evidence: Evidence, level: float, moved: bool) -> Explanation:
         table=_table(evidence, level, plain.significant),
         explained=_Shares.of(evidence, plain.significant).of_values(value),
         moved=moved,
+        doubted=doubted,
     )
 
 
 def explained_again(
-    first: Explanation, before: Evidence, after: Evidence, level: float, moved: bool
+    first: Explanation,
+    before: Evidence,
+    after: Evidence,
+    level: float,
+    shown: tuple[set[str], ...],
+    moved: bool,
+    doubted: bool,
 ) -> Explanation:
     """The explanation once what the measurements show is estimated with everything else.
 
     before, after: the change as it was and as that leaves it. Seen is what would be significant
     with the errors as they are now.
     """
-    more = (signatures.shown() for signatures in after.signatures)
     visible = len(before) != len(after)
     return replace(
         first,
         all_modelled=after.test(level, after.every),
         shown_modelled=after.test(level),
         visible=visible or after.tested(before.value, after.covariance, level).significant,
-        shown=tuple(a | b for a, b in zip(more, first.shown, strict=True)),
+        shown=shown,
         moved=moved,
+        doubted=doubted,
     )
 
 

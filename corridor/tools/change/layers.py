@@ -1,8 +1,11 @@
-"""Whether all strips of one date show the same ground in a patch.
+"""Whether a patch is ground: all strips of one date show the same, and all of it moves.
 
 Tie points on water, traffic or leaves move while they are photographed. Along a strip that looks
 like another height, and the next strip, flown the other way or at another time, shows another one:
 the date shows two surfaces there, and their mean is no ground.
+
+Ground that moves takes all of its points with it. What stands on it for a day lifts some of them,
+and the mean, while the typical point stays.
 
 Source: Behboodian 1970, "On the modes of a mixture of two normal distributions" (two layers are two
 where they lie apart by more than two standard deviations of each).
@@ -17,7 +20,7 @@ import numpy as np
 from corridor.core.preparation import strips_of
 from corridor.tools.change.cores import Cores
 from corridor.tools.change.epoch import Cloud, Epoch
-from corridor.tools.change.m3c2 import LEAST_IN_CYLINDER, members
+from corridor.tools.change.m3c2 import LEAST_IN_CYLINDER, members, polynomial
 from corridor.tools.change.significance import two_sided
 
 # Level of the test, of a patch at one date.
@@ -62,6 +65,26 @@ def layers(cloud: Cloud, cores: Cores, degree: int) -> Layers | None:
         if apart and (out is None or abs(above) > abs(out.above)):
             out = Layers(name, above)
     return out
+
+
+def typical(clouds: tuple[Cloud, Cloud], cores: Cores, degree: int) -> float:
+    """By how much the typical point at core points moved, m.
+
+    In each cylinder the median of the second date's points over a surface fitted to the first
+    date's, less the median of these: what the surface does not fit is the same for both.
+    """
+    found, sides = [members(cloud, cores, degree) for cloud in clouds], []
+    for cloud, one in zip(clouds, found, strict=True):
+        away = (cloud.epoch.xyz[one.point] - cores.xyz[one.core])[:, :2] / cores.radius
+        sides.append((polynomial(*away.T, degree), one.height, one.start))
+    out = []
+    for k in range(len(cores)):
+        (terms, height), (more, above) = (
+            (t[s[k] : s[k + 1]], h[s[k] : s[k + 1]]) for t, h, s in sides
+        )
+        fit = np.linalg.lstsq(terms, height)[0]
+        out.append(np.median(above - more @ fit) - np.median(height - terms @ fit))
+    return float(np.mean(out))
 
 
 def _strips(epoch: Epoch) -> tuple[list[str], np.ndarray]:

@@ -39,7 +39,8 @@ class Members:
 
     normal (m, 3): that of the core point. height (m,) along it, from the core point, m. weight
     (m,): of each in the height of the surface at the core point. left (m,): height less the fitted
-    surface, m. fit: numbers that were fitted in a cylinder.
+    surface, m. beyond (r,): whether the core point lies outside of its members, where a polynomial
+    would be extrapolated. fit: numbers that were fitted in a cylinder.
     """
 
     start: np.ndarray
@@ -48,6 +49,7 @@ class Members:
     height: np.ndarray
     weight: np.ndarray
     left: np.ndarray
+    beyond: np.ndarray
     fit: int = 1
 
     @property
@@ -112,20 +114,22 @@ def members(cloud: Cloud, cores: Cores, degree: int = 0) -> Members:
     core, point, height = core[inside], point[inside], height[inside]
     start = np.concatenate([[0], np.cumsum(np.bincount(core, minlength=len(near)))])
     across = (away[inside] - height[:, None] * cores.normal[core]) / cores.radius
-    weight, left = _weights(start, height, across, cores.normal, degree)
-    return Members(start, surface[point], cores.normal[core], height, weight, left, _TERMS[degree])
+    found = _weights(start, height, across, cores.normal, degree)
+    return Members(start, surface[point], cores.normal[core], height, *found, _TERMS[degree])
 
 
 def _weights(start, height, across, normal, degree: int):
-    """Weights of the members in the height at each core point, and what the fit leaves."""
+    """Weights of the members in the height at each core point, what the fit leaves, and whether
+    the core point has more leverage than any of them (Cook and Weisberg 1982)."""
     count = np.diff(start)
     weight, left = np.empty(len(height)), np.empty(len(height))
+    beyond = np.zeros(len(count), dtype=bool)
     first = np.cross(normal, [1.0, 0.0, 0.0])
     first /= np.linalg.norm(first, axis=1)[:, None]
     core = np.repeat(np.arange(len(count)), count)
     u = np.einsum("nk,nk->n", across, first[core])
     v = np.einsum("nk,nk->n", across, np.cross(normal, first)[core])
-    terms = np.column_stack([np.ones(len(u)), u, v, u * u, u * v, v * v][: _TERMS[degree]])
+    terms = polynomial(u, v, degree)
     # Cylinders of as many points are fitted together.
     for n in np.unique(count[count > 0]):
         at = start[:-1][count == n][:, None] + np.arange(n)
@@ -133,7 +137,14 @@ def _weights(start, height, across, normal, degree: int):
         inverse = np.linalg.pinv(matrix)
         weight[at] = inverse[:, 0]
         left[at] = height[at] - (matrix @ (inverse @ height[at][:, :, None]))[:, :, 0]
-    return weight, left
+        most = np.einsum("cnt,ctn->cn", matrix, inverse).max(axis=1)
+        beyond[count == n] = np.sum(inverse[:, 0] ** 2, axis=1) > most * (1.0 + 1e-9)
+    return weight, left, beyond
+
+
+def polynomial(u: np.ndarray, v: np.ndarray, degree: int) -> np.ndarray:
+    """Its terms (n, k) at places (n,)."""
+    return np.column_stack([np.ones(len(u)), u, v, u * u, u * v, v * v][: _TERMS[degree]])
 
 
 def distance_functions(

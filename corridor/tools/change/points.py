@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 import pandas as pd
 from scipy.sparse import csr_array
+from scipy.stats import chi2
 
 from corridor.core.brief import brief
 from corridor.core.output import with_units
@@ -84,14 +85,51 @@ class PointChanges:
 
         shift (3f,), m, covariance (3f, 3f) of the f points that are not held, with every effect
         estimated. level: false discovery rate. changed: whether points and surface together show
-        a change; without one, none is localised (Pelzer 1971: first the global test).
+        a change; without one, none is localised (Pelzer 1971: first the global test). What no
+        single point shows, all of them together may: see `localised`.
         """
         beside, free = np.full(len(self), np.nan), np.flatnonzero(~self.held)
         for row, k in enumerate(free):
             at = slice(3 * row, 3 * row + 3)
             beside[k] = congruency(shift[at], covariance[at, at]).probability
-        undecided = self.moved & ~(discoveries(beside, level) & changed)
-        return replace(self, beside=beside, undecided=undecided, moved=self.moved & ~undecided)
+        moved = self.moved & discoveries(beside, level)
+        moved[free] |= localised(shift, covariance, level, self.probability[free] < level)
+        moved &= changed
+        return replace(self, beside=beside, undecided=self.moved & ~moved, moved=moved)
+
+
+def localised(
+    shift: np.ndarray, covariance: np.ndarray, level: float, alone: np.ndarray
+) -> np.ndarray:
+    """Which of points (f,) the global tests of their heights, and horizontally, say moved.
+
+    shift (3f,), m; covariance (3f, 3f). level: of both tests together. alone (f,): points that show
+    a motion by themselves. Ground that sinks moves several points by a little each. While those
+    that are left are not congruent, the one goes that leaves the most congruent ones: of those
+    that moved alone, or, in a weak datum, of those that stand out from the others.
+    Source: Pelzer 1971, Caspary 2000 (localisation backwards).
+    """
+    moved = np.zeros(len(alone), dtype=bool)
+    for axes in ([2], [0, 1]):
+        left, n = np.arange(len(moved)), len(axes)
+        while len(left):
+            at = (3 * left[:, None] + axes).ravel()
+            inside = covariance[np.ix_(at, at)]
+            if congruency(shift[at], inside).probability >= 0.5 * level:
+                break
+            weight = np.linalg.pinv(inside, hermitian=True)
+            pull = (weight @ shift[at]).reshape(-1, n)
+            own = [weight[k : k + n, k : k + n] for k in range(0, len(at), n)]
+            gain = np.einsum("ki,kij,kj->k", pull, np.linalg.pinv(own, hermitian=True), pull)
+            choice = alone[left]
+            if not choice.any():
+                choice = chi2.sf(gain, n) < 0.5 * level / len(left)
+            if not choice.any():
+                break
+            worst = np.argmax(np.where(choice, gain, -1.0))
+            moved[left[worst]] = True
+            left = np.delete(left, worst)
+    return moved
 
 
 def point_changes(joint: Joint, level: float, datum: str, kind: str) -> PointChanges | None:

@@ -171,9 +171,14 @@ class Registration:
         """The same motion for other changes of the same dates."""
         return replace(self, gain=_gain(functions, after, self.kind, self.middle))
 
+    @property
+    def of_motion(self) -> np.ndarray:
+        """Changes (k,) by the motion, m."""
+        return self.gain @ self.motion
+
     def apply(self, change: np.ndarray) -> np.ndarray:
         """Changes (k,) without the motion."""
-        return change - self.gain @ self.motion
+        return change - self.of_motion
 
     def variance(self, joint: Joint, functions: csr_array, plain: np.ndarray) -> np.ndarray:
         """Variances (k,) of the changes without the motion; plain: of those with it."""

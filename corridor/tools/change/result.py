@@ -12,7 +12,6 @@ from corridor.tools.change.admission import Objection
 from corridor.tools.change.comparison import Comparison
 from corridor.tools.change.explanation import Explanation
 from corridor.tools.change.joint import Joint
-from corridor.tools.change.layers import Layers
 from corridor.tools.change.points import PointChanges
 from corridor.tools.change.report import of_change
 from corridor.tools.change.surface import PatchChange, SurfaceChange, Volume
@@ -25,8 +24,7 @@ LEAST_POINTS, FAR_APART = 3, 3.0
 class Compared:
     """Points, surface and volumes of one pair of adjustments.
 
-    patches: of the surface that moved. torn: those where the strips of one date (its name) show two
-    surfaces, which are no ground.
+    patches: of the surface that moved. torn: those that are no ground, and why, for a sentence.
     """
 
     adjustments: tuple[Adjustment, Adjustment]
@@ -35,12 +33,18 @@ class Compared:
     surface: SurfaceChange | None
     volumes: dict[str, Volume]
     patches: tuple[PatchChange, ...] = ()
-    torn: tuple[tuple[PatchChange, str, Layers], ...] = ()
+    torn: tuple[tuple[PatchChange, str], ...] = ()
 
     @property
     def moved(self) -> bool:
         """Whether a point or a patch of the surface did."""
         return bool(self.patches) or (self.points is not None and bool(self.points.moved.any()))
+
+    @property
+    def doubted(self) -> bool:
+        """Whether a point did, but an effect of camera and flight could have moved it."""
+        undecided = None if self.points is None else self.points.undecided
+        return undecided is not None and bool(undecided.any())
 
     @property
     def cover(self) -> Cover | None:
@@ -51,19 +55,25 @@ class Compared:
         ways = {np.sign(one.change) for one in self.patches}
         rows = np.concatenate([one.rows for one in self.patches])
         tree = cKDTree(surface.cores.xyz[rows, :2])
+        # Control that fits both dates stands still too.
         inside = tree.query(points.xyz[:, :2])[0] < surface.cores.radius
-        inside &= ~points.held
         if len(ways) > 1 or inside.sum() < LEAST_POINTS:
             return None
+        # The surface where these points are: at the rim of a bowl both move little.
+        marks = cKDTree(points.xyz[inside, :2])
+        around = marks.query(surface.cores.xyz[rows, :2])[0] < surface.cores.radius
         up = np.flatnonzero(inside) * 3 + 2
         weight = np.full(len(up), 1.0 / len(up))
         still = float(weight @ points.shift[inside, 2])
         sigma = float(np.sqrt(weight @ points.covariance[np.ix_(up, up)] @ weight))
-        surface_mean = PatchChange.of(surface, rows, max(p.probability for p in self.patches))
-        apart = abs(surface_mean.change - still) / np.hypot(surface_mean.sigma, sigma)
+        whole, there = (
+            PatchChange.of(surface, some, max(p.probability for p in self.patches))
+            for some in (rows, rows[around])
+        )
+        apart = abs(there.change - still) / np.hypot(there.sigma, sigma)
         if apart < FAR_APART or abs(still) > FAR_APART * sigma:
             return None
-        return Cover(surface_mean, int(inside.sum()), still, sigma)
+        return Cover(whole, int(inside.sum()), still, sigma)
 
 
 @dataclass(frozen=True)

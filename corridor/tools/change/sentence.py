@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 import pandas as pd
 
@@ -34,7 +32,7 @@ def verdict_sentence(change) -> str:
     if change.verdict == "unfit":
         return _unfit(change.objections)
     if change.verdict == "cover":
-        return _cover(change.final.cover)
+        return _cover(change.final)
     besides = "" if told is None or not any(told.shown) else _besides(told)
     if change.verdict == "moved":
         return _moved(change.final) + besides
@@ -109,28 +107,49 @@ def _moved(found) -> str:
 
 
 def _cover(found) -> str:
-    """What lies or grows on the ground; found: a `Cover`."""
-    patch = found.patch
+    """What lies or grows on the ground, and whether the ground may have moved too; found: a
+    `Compared`."""
+    cover = found.cover
+    patch = cover.patch
+    doubt = (
+        f" Yet {_doubted(found.points)}: the ground, or an effect of the camera."
+        if found.doubted
+        else ""
+    )
     return (
         f"Not the ground, but what covers it: {patch.area:.0f} m\u00b2 of the surface "
         f"{'sank' if patch.change < 0 else 'rose'} by "
-        f"{millimetres(abs(patch.change), patch.sigma)} in the mean, while {found.points} marked "
-        f"points in it stand still ({millimetres(found.still, found.sigma)}): vegetation, snow or "
-        "material that was added or removed."
+        f"{millimetres(abs(patch.change), patch.sigma)} in the mean, while {cover.points} marked "
+        f"points in it stand still ({millimetres(cover.still, cover.sigma)}): vegetation, snow or "
+        f"material that was added or removed.{doubt}"
     )
 
 
-def told_torn(torn) -> Iterator[str]:
-    """Patches that are no ground: patch, date and `Layers` of each."""
-    for patch, date, found in torn:
-        way = "above" if found.above > 0 else "below"
-        yield (
-            f"A patch of {patch.area:.0f} m\u00b2 around station {patch.station:.0f} m, "
-            f"{_aside(patch.across)}, does not count: at {date} images {found.strip} show a "
-            f"surface {abs(found.above):.2f} m {way} that of the others there. Tie "
-            "points on water, traffic or leaves move while they are photographed: mask them, and "
-            "match again."
-        )
+def patch_apart(patch, why: str) -> str:
+    """That a patch is no ground; why: how that shows."""
+    return (
+        f"A patch of {patch.area:.0f} m\u00b2 around station {patch.station:.0f} m, "
+        f"{_aside(patch.across)}, does not count: {why}"
+    )
+
+
+def patch_layers(found, date: str) -> str:
+    """The strips of a date show two surfaces; found: `Layers`."""
+    way = "above" if found.above > 0 else "below"
+    return (
+        f"at {date} images {found.strip} show a surface {abs(found.above):.2f} m {way} that of the "
+        "others there. Tie points on water, traffic or leaves move while they are photographed: "
+        "mask them, and match again."
+    )
+
+
+def patch_some(moved: float, date: str, radius: float) -> str:
+    """Some points alone lie higher at one date; moved, m: the typical one. radius, m."""
+    return (
+        f"some of its tie points lie higher at {date}, the typical one moved by {moved:+.3f} m. "
+        "Vehicles, material or plants stood there; of ground that rose on less than half of "
+        f"{2 * radius:.0f} m a smaller --radius would show more."
+    )
 
 
 def lower(surface) -> str:
@@ -198,10 +217,17 @@ def _undecided(told: Explanation, size: str) -> str:
 
 def _size(found) -> str:
     """The largest of a change that is not said to be one of the ground; found: a `Compared`."""
-    if not found.patches:
-        return ""
-    one = max(found.patches, key=lambda p: abs(p.change / p.sigma))
-    return f" (a patch by {millimetres(one.change, one.sigma)})"
+    if found.patches:
+        one = max(found.patches, key=lambda p: abs(p.change / p.sigma))
+        return f" (a patch by {millimetres(one.change, one.sigma)})"
+    return f" ({_doubted(found.points)})" if found.doubted else ""
+
+
+def _doubted(points) -> str:
+    """The most significant of the points that an effect could have moved."""
+    size = np.sum((points.shift / points.sigma) ** 2, axis=1)
+    k = int(np.argmax(np.where(points.undecided, size, -1.0)))
+    return f"point {points.names[k]} {_way(points.shift[k], points.sigma[k])}"
 
 
 def _every(told: Explanation) -> set[str]:

@@ -149,7 +149,8 @@ def surface_change(
     clouds = (joint.before, joint.after)
     found = _both(clouds, cores, degree, sampled)
     least = max(LEAST_IN_CYLINDER, found[0].fit + 2)
-    kept = np.flatnonzero((found[0].count >= least) & (found[1].count >= least))
+    enough = [(one.count >= least) & ~one.beyond for one in found]
+    kept = np.flatnonzero(enough[0] & enough[1])
     if not len(kept):
         raise InputError(
             f"no core point has {least} tie points within {cores.radius:.1f} m at both dates: give "

@@ -131,25 +131,17 @@ def verdict_of(final: dict, found: dict | None, required: float | None) -> tuple
         )
     rms = (final["check_points"].get("rms") or {}).get("3d")
     rows = final["check_points"].get("rows") or []
-    said = _diagnosis_said(found)
+    needed = "" if required is None else f"{millimetres(required)} are required"
+    verdict = "not known"
     if not rows or rms is None:
-        needed = "" if required is None else f", and {millimetres(required)} are required"
-        return "not known", (
-            f"Whether it is good enough is not known: there is no check point{needed}. {said}"
-        ).strip()
-    at = f"{millimetres(rms)} at {counted(len(rows), 'check point')} (3D RMS)"
-    if required is None:
-        return "not known", f"Off by {at}. {said}".strip()
-    if rms <= required:
-        return "good enough", (
-            f"Good enough: {at}, {millimetres(required)} are required. {said}"
-        ).strip()
-    return "not good enough", (
-        f"Not good enough: {at}, {millimetres(required)} are required. {said}"
-    ).strip()
-
-
-def _diagnosis_said(found: dict | None) -> str:
-    if found is None:
-        return "Whether its model lacks something was not tested (--quick)."
-    return str(found.get("sentence") or "")
+        beside = f", and {needed}" if needed else ""
+        told = f"Whether it is good enough is not known: there is no check point{beside}."
+    else:
+        told = f"Off by {millimetres(rms)} at {counted(len(rows), 'check point')} (3D RMS)"
+        if required is not None:
+            verdict = "good enough" if rms <= required else "not good enough"
+            told = f"{verdict.capitalize()}: {told.removeprefix('Off by ')}, {needed}"
+        told += "."
+    said = "Whether its model lacks something was not tested (--quick)."
+    said = said if found is None else str(found.get("sentence") or "")
+    return verdict, f"{told} {said}".strip()

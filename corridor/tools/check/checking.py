@@ -30,7 +30,7 @@ from corridor.core.output import (
 )
 from corridor.core.photographs import photographs_in
 from corridor.tools.check.advice import ProgramSettings, verdict_of
-from corridor.tools.check.report import page_of, text_of
+from corridor.tools.check.report import report_of
 from corridor.tools.check.taking_back import TakenBack, take_back
 
 # What a folder of a check is known by, from its first second on.
@@ -75,7 +75,7 @@ class Checked:
     files: list[str] = field(default_factory=list)
 
     def __str__(self) -> str:
-        return text_of(self)
+        return str(report_of(self))
 
     def to_dict(self) -> dict[str, Any]:
         """check.json: finite numbers, texts or null."""
@@ -413,11 +413,7 @@ def _named(found: dict | None) -> list[str]:
 
 def _told(final: dict, found: dict | None, imported: dict, home: Path):
     """What is wrong, and what to do."""
-    wrong = []
-    if found and found["verdict"] not in ("nothing", "failed"):
-        wrong.append(found["sentence"])
-    elif found:
-        wrong += [found["sentence"]] if found["verdict"] == "failed" else []
+    wrong = [found["sentence"]] if found and found["verdict"] != "nothing" else []
     wrong += final.get("warnings") or []
     wrong += [final["own"]] if final.get("own") else []
     wrong += [f"{told[0].upper()}{told[1:].rstrip('.')}." for told in imported["warnings"]]
@@ -430,15 +426,15 @@ def _told(final: dict, found: dict | None, imported: dict, home: Path):
 
 def _write(checked: Checked, folder: Path, beside: list[str]) -> list[str]:
     """The page and the JSON file."""
-    pictures = []
-    for name in ("check_points.png", "residuals_along.png"):
-        home = folder / ("adjusted_with_found" if (folder / "adjusted_with_found").is_dir() else
-                         "adjusted")  # fmt: skip
-        if checked.verdict != "failed" and (home / name).is_file():
-            pictures.append((name.partition(".")[0].replace("_", " "), "", home / name))
-    shown = [(title, caption, path.read_bytes()) for title, caption, path in pictures]
+    found = folder / "adjusted_with_found"
+    home = found if found.is_dir() else folder / "adjusted"
+    shown = [
+        (name.replace("_", " "), "", file.read_bytes())
+        for name in ("check_points", "residuals_along")
+        if checked.verdict != "failed" and (file := home / f"{name}.png").is_file()
+    ]
     with whole_file(folder / "report.html") as part:
-        part.write_text(page_of(checked, shown), encoding="utf-8", newline="\n")
+        part.write_text(report_of(checked).page(shown), encoding="utf-8", newline="\n")
     with whole_file(folder / RESULT) as part:
         write_json(checked.to_dict(), part)
     taken = [] if checked.taken_back is None else checked.taken_back.files

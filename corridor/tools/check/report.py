@@ -10,17 +10,8 @@ if TYPE_CHECKING:
     from corridor.tools.check.checking import Checked
 
 
-def text_of(checked: Checked) -> str:
-    """For a terminal."""
-    return str(_report(checked))
-
-
-def page_of(checked: Checked, pictures=()) -> str:
-    """One page of HTML that needs no other file; pictures as of `Report.page`."""
-    return _report(checked).page(pictures)
-
-
-def _report(checked: Checked) -> Report:
+def report_of(checked: Checked) -> Report:
+    """The answer, what is wrong, what to take back, and where the rest is."""
     tables = []
     if checked.settings:
         rows = tuple((sentence,) for sentence in checked.settings)

@@ -57,7 +57,9 @@ def take_back(result: Path, folder: Path, form: str, settings: ProgramSettings) 
         lines = [f"Settings for {form}, from corridor check", "", *settings.sentences(form)]
         (part / MARK).write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
         _write_camera(part, measured)
-        _write_positions(part, measured, formats)
+        positions = formats.camera_positions(measured)
+        if len(positions):
+            write_csv(_out(measured, positions), part / "positions.csv", _DIGITS)
         _write_ground(part, measured)
         if native:
             try:
@@ -83,11 +85,10 @@ def proved(folder: Path, block: Block, native: str, formats) -> str:
         project = formats.read_project(folder / "project", native)
         proof = formats.prove(project)
         told.append(f"project/ imported again: {proof.main}")
+    tables = tomllib.loads((folder / "camera.toml").read_text(encoding="utf-8"))["camera"]
     off = max(
-        float(np.abs(camera.interior - again.interior).max())
-        for camera, again in zip(
-            block.cameras.values(), _cameras(folder / "camera.toml").values(), strict=True
-        )
+        float(np.abs(camera.interior - Camera.from_table(*again).interior).max())
+        for camera, again in zip(block.cameras.values(), tables.items(), strict=True)
     )
     told.append(f"camera.toml read again: {_same(off, 'in every parameter')}")
     if (folder / "positions.csv").is_file():
@@ -119,11 +120,6 @@ def _same(off: float, unit: str) -> str:
 
 def _largest(apart: np.ndarray) -> float:
     return float(np.linalg.norm(apart, axis=1).max()) if len(apart) else 0.0
-
-
-def _cameras(path: Path) -> dict[str, Camera]:
-    tables = tomllib.loads(path.read_text(encoding="utf-8"))["camera"]
-    return {name: Camera.from_table(name, table) for name, table in tables.items()}
 
 
 def _ground_again(path: Path, block: Block, formats) -> str:
@@ -159,13 +155,6 @@ def _write_camera(folder: Path, block: Block) -> None:
                 lines.append(f"{key} = {value!r}")
         lines.append("")
     (folder / "camera.toml").write_text("\n".join(lines), encoding="utf-8", newline="\n")
-
-
-def _write_positions(folder: Path, block: Block, formats) -> None:
-    table = formats.camera_positions(block)
-    if len(table):
-        table = _out(block, table)
-        write_csv(table, folder / "positions.csv", _DIGITS)
 
 
 def _out(block: Block, table: pd.DataFrame) -> pd.DataFrame:

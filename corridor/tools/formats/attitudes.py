@@ -17,7 +17,7 @@ from corridor.core.geometry import (
     vector_from_rotation,
 )
 from corridor.core.photographs import Metadata
-from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness, record_derived
+from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness
 from corridor.tools.formats.heading import headings
 from corridor.tools.formats.placing import has_north
 from corridor.tools.formats.project import Project
@@ -32,7 +32,7 @@ def with_attitudes(project: Project, photos: dict[int, Metadata]) -> Project:
 
     Raises InputError where they state none that can be used, or the project has no north.
     """
-    block = project.block.copy()
+    block = project.block
     rows = np.array(sorted(photos), dtype=int)
     said = [photos[row] for row in rows]
     turned = rotations_of(said)
@@ -58,11 +58,8 @@ def with_attitudes(project: Project, photos: dict[int, Metadata]) -> Project:
         witnesses.append(Witness(source, AGREES, text))
     doubt = any(one.says == CONTRADICTS for one in witnesses)
     told = f"attitudes of {len(table)} of {len(block.images)} images are those of the photographs"
-    record_derived(
-        block, "attitudes", "the photographs", sigma, f"{told[0].upper()}{told[1:]}.", "degrees",
-        witnesses,
-    )  # fmt: skip
-    project = project.having(notes=[told], attitudes=table, extra=block.extra)
+    project = project.having(notes=[told], attitudes=table)
+    project = project.deriving("attitudes", "the photographs", sigma, told, "degrees", witnesses)
     return project.warned(f"{told}, which others contradict: see import.html") if doubt else project
 
 

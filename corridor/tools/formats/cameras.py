@@ -22,6 +22,8 @@ from corridor.core.camera import (
 )
 from corridor.core.errors import InputError
 
+# Between axes x right, y up, z back and ours: the turn is its own inverse.
+FLIP = np.diag([1.0, -1.0, -1.0])
 _PICTURE = 41  # nodes a side over the picture
 TOLD_PX, _ENOUGH_PX, REFUSED_PX = 1e-6, 0.05, 0.5
 

@@ -19,6 +19,7 @@ from corridor.core.errors import InputError, some
 from corridor.core.geometry import (
     Similarity,
     quaternion_from_rotation,
+    robust_scale,
     rotation_from_quaternion,
     similarity,
 )
@@ -30,14 +31,7 @@ from corridor.core.gnss import (
     local_of,
 )
 from corridor.core.photographs import Metadata
-from corridor.core.preparation import (
-    AGREES,
-    CONTRADICTS,
-    UNCHECKED,
-    Witness,
-    record_derived,
-    unit_of,
-)
+from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness, unit_of
 from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.frames import local_table
 from corridor.tools.formats.ground import Ground, add_to, called_as_marked, in_frame, read_ground
@@ -94,7 +88,8 @@ def add_ground(
             same = ground.crs == GEOGRAPHIC and known_crs(crs).is_geographic
             if ground.crs not in (None, crs) and not same:
                 raise InputError(
-                    f"its coordinates are in {ground.crs[:60]}; --ground-crs {crs} contradicts it"
+                    f"its coordinates are in {ground.crs[:60]}; --ground-crs {crs} contradicts it: "
+                    "leave it out"
                 )
             known_crs(crs)
             ground = replace(ground, crs=crs)
@@ -254,11 +249,9 @@ def _placed(project: Project, name: str) -> Project:
         f"{spare} more ground points", AGREES if good.all() and spare else
         CONTRADICTS if spare else UNCHECKED, f"{away.max():.2g} m at most",
     )  # fmt: skip
-    return _recorded(
-        moved, "images.x", name, away[good] / np.sqrt(3),
-        f"The frame is that of {name}, by a similarity of {good.sum()} ground points.",
-        (witness,),
-    )  # fmt: skip
+    told = f"The frame is that of {name}, by a similarity of {good.sum()} ground points."
+    sigma = away[good] / np.sqrt(3)
+    return moved.deriving("images.x", name, sigma, told, witnesses=[witness])
 
 
 def _robust(seen: Seen) -> tuple[Similarity, np.ndarray] | None:
@@ -295,10 +288,8 @@ def moved_by(project: Project, move: Similarity) -> Project:
     turned = move.apply_to_rotations(rotation_from_quaternion(pose[known, 3:]))
     pose[known, 3:] = quaternion_from_rotation(turned)
     images = block.images.assign(**dict(zip(POSE, pose.T, strict=True)))
-    points = block.points
-    if len(points):
-        places = move.apply(points[XYZ].to_numpy(float))
-        points = points.assign(**dict(zip(XYZ, places.T, strict=True)))
+    places = move.apply(block.points[XYZ].to_numpy(float))
+    points = block.points.assign(**dict(zip(XYZ, places.T, strict=True)))
     return project.having(images=images, points=points)
 
 
@@ -329,8 +320,10 @@ def _in_one_height_system(project: Project, name: str) -> Project:
         return project
     off = seen.given - seen.met
     middle = np.median(off, axis=0)
-    spread = 1.4826 * np.median(np.abs(off - middle), axis=0)
-    sigma = np.hypot(spread / np.sqrt(len(off)), _of_positions(block))
+    spread = robust_scale(off, centred=True, axis=0)
+    # What positions share places the block.
+    shared = np.median(block.gnss_sigma(), axis=0) / 3.0 if len(block.gnss) else np.zeros(3)
+    sigma = np.hypot(spread / np.sqrt(len(off)), shared)
     plan, up = float(np.hypot(*middle[:2])), float(middle[2])
     far = np.abs(middle) > np.maximum(_SIGMAS * sigma, _LEAST_M)
     if not far.any():
@@ -347,7 +340,6 @@ def _in_one_height_system(project: Project, name: str) -> Project:
     shift = np.array([0.0, 0.0, up])
     moved = moved_by(project, Similarity(1.0, np.eye(3), shift))
     gnss = block.gnss.assign(z=block.gnss["z"] + up) if len(block.gnss) else block.gnss
-    size = float(np.hypot(sigma[2], 0.0))
     ground = float(np.median(seen.given[:, 2]))
     text = (
         f"Control lies {abs(up):.1f} m {'above' if up > 0 else 'below'} the heights of the {what} "
@@ -363,22 +355,9 @@ def _in_one_height_system(project: Project, name: str) -> Project:
     marks = Witness(
         "marks", AGREES if after < _limit(block) else CONTRADICTS, f"{after:.1f} px afterwards"
     )
-    return _recorded(
-        moved, "gnss.z", f"{name} and its marks", np.array([size]), text, (plan_witness, marks)
-    )
-
-
-def _of_positions(block: Block) -> np.ndarray:
-    """Standard deviation of what places the block, (3,) m: what its positions share."""
-    if not len(block.gnss):
-        return np.zeros(3)
-    return np.median(block.gnss_sigma(), axis=0) / 3.0
-
-
-def _recorded(project, column, source, sigma, text, witnesses):
-    block = replace(project.block, extra=dict(project.block.extra))
-    record_derived(block, column, source, sigma, text, witnesses=witnesses)
-    return replace(project, block=block)
+    witnesses = [plan_witness, marks]
+    source, sigma = f"{name} and its marks", sigma[2:]
+    return moved.deriving("gnss.z", source, sigma, text, witnesses=witnesses)
 
 
 def _in_pixels(block: Block) -> float:

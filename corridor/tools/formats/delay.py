@@ -12,8 +12,8 @@ from scipy.interpolate import CubicSpline
 
 from corridor.core.block import Block
 from corridor.core.errors import InputError
-from corridor.core.geometry import similarity
-from corridor.core.preparation import CONTRADICTS, Witness, record_derived
+from corridor.core.geometry import jackknife, similarity
+from corridor.core.preparation import CONTRADICTS, Witness
 from corridor.tools.formats.project import Project
 
 # Delays are looked for up to so many seconds, in these steps, and then between two of them.
@@ -47,13 +47,9 @@ def with_delay_told(project: Project) -> Project:
         f"{late}: each lies where the camera was so long {when} its picture; "
         "`corridor adjust BLOCK --effect clock_offset` estimates it with the rest"
     )
-    block = block.copy()
     way = Witness("the mapped centres", CONTRADICTS, f"{found.seconds:.1f} s {late}")
-    record_derived(
-        block, "moments of gnss.csv", "the photographs' own positions", np.array([found.sigma]),
-        f"{told[0].upper()}{told[1:]}.", "s", [way],
-    )  # fmt: skip
-    return project.having(warnings=[told], extra=block.extra)
+    source, sigma = "the photographs' own positions", np.array([found.sigma])
+    return project.warned(told).deriving("moments of gnss.csv", source, sigma, told, "s", [way])
 
 
 def delay_of(block: Block, place: np.ndarray) -> Delay | None:
@@ -83,9 +79,8 @@ def delay_of(block: Block, place: np.ndarray) -> Delay | None:
         left += [] if one is None else [one[0]]
     if len(left) < max(len(parts) - 1, 2):
         return None
-    # Of a jackknife with parts left out (Shao and Tu 1995, eq. 2.9), not below a step's rounding.
-    spread = np.sqrt((len(left) - 1) / len(left) * np.sum((left - np.mean(left)) ** 2))
-    sigma = float(np.hypot(spread, _STEP_S / np.sqrt(12)))
+    # With parts left out (Shao and Tu 1995, eq. 2.9), not below a step's rounding.
+    sigma = float(np.hypot(jackknife(left), _STEP_S / np.sqrt(12)))
     if abs(best[0]) < _SIGMAS * sigma:
         return None
     return Delay(best[0], sigma)

@@ -16,9 +16,10 @@ from corridor.core.block import Block, as_mounted, read, rigs_of
 from corridor.core.brief import brief
 from corridor.core.effects import Effect, Values, every_effect, take_out
 from corridor.core.errors import InputError
+from corridor.core.gnss import in_metres
 from corridor.core.output import Progress, counted, file_lines, telling, whole_folder
 from corridor.tools.formats.cameras import moved_to
-from corridor.tools.formats.frames import in_metres, moved
+from corridor.tools.formats.frames import moved
 from corridor.tools.formats.programs import writers
 from corridor.tools.formats.project import near_origin
 from corridor.tools.formats.proof import MEDIAN_PX, Residuals
@@ -51,11 +52,8 @@ class Exported:
     sentences: list[str] = field(default_factory=list)
 
     def __str__(self) -> str:
-        lines = [
-            f"{self.form}: {self.images:,} images, {self.observations:,} observations",
-            *self.sentences,
-        ]
-        return "\n".join(lines)
+        counts = f"{self.images:,} images, {self.observations:,} observations"
+        return "\n".join([f"{self.form}: {counts}", *self.sentences])
 
 
 def read_adjusted(folder: str | Path) -> tuple[Block, Values]:

@@ -3,7 +3,6 @@
 import numpy as np
 
 from corridor.core.block import POSE, RHO, Block, correlations, covariances
-from corridor.core.errors import InputError
 from corridor.core.geometry import quaternion_from_rotation, rotation_from_quaternion
 from corridor.core.gnss import (
     GEOGRAPHIC,
@@ -11,6 +10,7 @@ from corridor.core.gnss import (
     Local,
     about_the_middle,
     convert,
+    convert_within,
     known_crs,
     local_of,
     places_of,
@@ -29,32 +29,20 @@ def local_table(local: Local, crs: str | None = None) -> dict[str, float | str]:
     return table | ({"crs": crs} if crs else {})
 
 
-def metric(crs: str) -> tuple[str, float]:
-    """The same grid counted in metres, and how many metres its own unit has; 1.0: it is metric."""
-    system = known_crs(crs)
-    unit = float(system.axis_info[0].unit_conversion_factor)
-    if not system.is_projected or abs(unit - 1) < 1e-9:
-        return crs, 1.0
-    table = system.to_json_dict()
-    for part in (table, *table.get("components", ())):
-        part.pop("id", None)
-        for axis in part.get("coordinate_system", {}).get("axis", ()):
-            axis["unit"] = "metre"
-    table["name"] = f"{system.name} in metres"
-    return type(system).from_json_dict(table).to_wkt(), unit
-
-
 def moved(block: Block, target: Local | str, crs: str | None = None) -> Block:
     """The same block in another frame: a `Local`, or a CRS in metres.
 
     Points go through PROJ, one by one; rotations, velocities and standard deviations turn with the
     axes at their place. crs: the system that results of a local frame are given in.
-    Raises InputError where the block has no place on Earth, or PROJ knows no exact way.
+    Raises InputError where the block has no place on Earth or one that no such CRS is for, or PROJ
+    knows no exact way.
     """
     before = local_of(block)
     stated = block.crs or ""
-    if before is None and not stated:
-        about_the_middle(block)  # raises
+    middle = before or about_the_middle(block)
+    goal = crs if isinstance(target, Local) else target
+    if goal:
+        convert_within([[middle.lon_deg, middle.lat_deg, middle.height]], goal)
 
     def over(places: np.ndarray) -> np.ndarray:
         places = places + block.offset
@@ -140,15 +128,3 @@ def height_unit(crs: str) -> float:
     system = known_crs(crs)
     plain = system.is_projected and len(system.axis_info) == 2
     return float(system.axis_info[0].unit_conversion_factor) if plain else 1.0
-
-
-def in_metres(crs: str) -> None:
-    """Raises InputError unless a CRS is a grid in metres, as a block's coordinates have to be."""
-    system = known_crs(crs)
-    if not system.is_projected:
-        raise InputError(f"crs {crs} is not in metres of a grid; give one that is, as EPSG:32647")
-    if metric(crs)[1] != 1.0:
-        raise InputError(
-            f"crs {crs} counts in {system.axis_info[0].unit_name}, and a block in metres; give a "
-            "system in metres of the same place"
-        )

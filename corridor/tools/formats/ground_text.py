@@ -15,7 +15,7 @@ import pandas as pd
 
 from corridor.core.block import ROLES, SIGMAS
 from corridor.core.errors import InputError, did_you_mean
-from corridor.core.gnss import GEOGRAPHIC
+from corridor.core.gnss import GEOGRAPHIC, degrees
 from corridor.core.textfile import Line
 from corridor.tools.formats.project import ground_table
 from corridor.tools.formats.textfile import filled
@@ -27,19 +27,20 @@ _WORDS = {
     "point": "point name id label pt gcp pointid pointname marker no nr number nummer punkt "
     "punktnummer pnr p pid station gcpname gcplabel pointnumber targetname target nom nome nombre "
     "punto",
-    "x": "x e east easting eastings rechtswert ost est este xeasting eastingx xe",
-    "y": "y n north northing northings hochwert nord norte ynorthing northingy yn",
+    "x": "x e east easting eastings rechtswert rechts ost est este xeasting eastingx xe",
+    "y": "y n north northing northings hochwert hoch nord norte ynorthing northingy yn",
     "z": "z h height elevation elev el ele alt altitude hoehe u up zaltitude ellipsoidalheight "
     "quota cota hoogte orthometricheight orthoheight heightellipsoidal hoehen zelevation",
     "lon": "lon long lng longitude laenge xlongitude",
     "lat": "lat latitude breite ylatitude",
     "sx": "sx stdx sigmax sdx accx xaccuracy accuracyx xacc stde sde seast sigmae eastaccuracy xm "
-    "xstd xsigma stdeast",
+    "xstd xsigma stdeast eastingrms",
     "sy": "sy stdy sigmay sdy accy yaccuracy accuracyy yacc stdn sdn snorth sigman northaccuracy "
-    "ym ystd ysigma stdnorth",
+    "ym ystd ysigma stdnorth northingrms",
     "sz": "sz stdz sigmaz sdz accz zaccuracy accuracyz zacc stdu sdu sup sigmau verticalaccuracy "
-    "sv stdh sigmah zstd zsigma accuracyvertical vertacc stdup",
-    "sxy": "sxy xyaccuracy accuracyxy horizontalaccuracy accuracyhorizontal horzacc stdxy",
+    "sv stdh sigmah zstd zsigma accuracyvertical vertacc stdup elevationrms verticalrms vprec",
+    "sxy": "sxy xyaccuracy accuracyxy horizontalaccuracy accuracyhorizontal horzacc stdxy hprec "
+    "lateralrms",
     "sxyz": "sxyz accuracy sigma std xyzaccuracy",
     "role": "role use",
     # What a surveyor adds and no adjustment needs.
@@ -50,6 +51,13 @@ _COLUMN = {word: column for column, words in _WORDS.items() for word in words.sp
 _PLACE = ("x", "y", "z")
 _UNITS = ("(us|intl?|international|survey|us?survey)?(s?ft|feet|foot)(us|int)?", "[cdkm]m",
           "(centi|deci|kilo|milli)met(er|re)s?")  # fmt: skip
+_UNIT_M = {"mm": 1e-3, "milli": 1e-3, "cm": 1e-2, "centi": 1e-2, "dm": 0.1, "deci": 0.1,
+           "km": 1e3, "kilo": 1e3, "f": 0.3048}  # fmt: skip
+# Degrees, or with minutes and seconds; the half of the Earth before or after.
+_ANGLE = re.compile(
+    r"""(?i)([NSEW]?)\s*([+-]?[\d.]+)(?:\s*[°º:\s]\s*([\d.]+)(?:\s*['′’:\s]\s*([\d.]+))?)?"""
+    r"""\s*[°º'′’"″”]*\s*([NSEW]?)"""
+)
 _ROLE = {"gcp": "control", "controlpoint": "control", "checkpoint": "check", "3dgcp": "control"}
 # A semicolon is none: before it a cell may be empty.
 _COMMENTS = ("#", "%", "//")
@@ -80,27 +88,37 @@ def read_text(path: Path, exact: bool = False) -> Table:
     deviation of 0 says that a point is exact, as in a block; else that nobody stated one. Raises
     InputError naming file and line.
     """
-    rows, header, unit = [], None, ""
+    rows, titles, header, units = [], [], None, {}
+    notes: list[str] = []
     found = list(filled(path, comment=_COMMENTS))
     # Metashape begins its header with a #.
     commented = [line for line in filled(path) if line.text.lstrip().startswith("#")]
     separator = _separator(found)
     for line in found:
         cells = _cells(line, separator)
-        # A line with hardly a number is a header.
-        if not rows and header is None and sum(map(_is_place_like, cells)) < 2:
-            header, unit = _header(line, cells), _unit(cells)
+        if rows or header is not None:
+            rows.append((line, cells))
+        elif _is_whole(_columns(cells)):
+            header, units = _header(line, cells, notes), _units(cells)
+        # A line with hardly a number is a header, or a title before it.
+        elif sum(map(_is_place_like, cells)) < 2:
+            titles.append((line, cells))
         else:
             rows.append((line, cells))
+    if header is None and titles:
+        header = _header(*titles[-1], notes)
     if header is None:
         header = next((made for line in commented if (made := _commented(line))), None)
     if not rows:
         raise InputError(f"{path.name} holds no ground point; write name, x, y, z a line")
-    notes: list[str] = []
     headed = header is not None
     if header is None:
         header = _guessed(rows, separator, notes)
-    return replace(_table(rows, header, headed, notes, exact), unit=unit)
+    # Standard deviations come in metres; of coordinates the system may count in feet.
+    table = _table(rows, header, headed, notes, exact)
+    for column in set(SIGMAS) & set(table.table):
+        table.table[column] *= _metres(units, column)
+    return replace(table, unit=next((units[key] for key in _PLACE if key in units), ""))
 
 
 # --- cells -----------------------------------------------------------------------------------
@@ -109,7 +127,8 @@ def read_text(path: Path, exact: bool = False) -> Table:
 def _separator(lines: list[Line]) -> str | None:
     """The mark between the cells of all lines; None for blanks."""
     for mark in _SEPARATORS:
-        if lines and all(mark in line.text for line in lines[-3:]):
+        last = lines[-3:]  # of which one may be a remark
+        if sum(mark in line.text for line in last) > len(last) / 2:
             return mark
     return None
 
@@ -158,15 +177,22 @@ def _columns(cells: list[str]) -> list[str | None]:
     return [_COLUMN.get(_word(cell)) for cell in cells]
 
 
-def _unit(cells: list[str]) -> str:
-    """The unit that a header states of x, y or z, in brackets, where it is none of metres."""
+def _units(cells: list[str]) -> dict[str, str]:
+    """The units that a header states in brackets, of the columns where it is none of metres."""
+    found = {}
     for cell in cells:
-        stated = re.search(r"[(\[]([^)\]]*)[)\]]", cell)
-        if stated and _COLUMN.get(_word(cell)) in _PLACE:
-            unit = re.sub(r"[^a-z]", "", stated[1].lower())
-            if re.fullmatch("|".join(_UNITS), unit):
-                return stated[1].strip()
-    return ""
+        stated, column = re.search(r"[(\[]([^)\]]*)[)\]]", cell), _COLUMN.get(_word(cell))
+        unit = re.sub(r"[^a-z]", "", stated[1].lower()) if stated else ""
+        if column and re.fullmatch("|".join(_UNITS), unit):
+            found[column] = stated[1].strip()
+    return found
+
+
+def _metres(units: dict[str, str], column: str) -> float:
+    """Metres of the unit of a column of standard deviations."""
+    every = ("sxyz",) if column == "sz" else ("sxy", "sxyz")
+    unit = next((units[key] for key in (column, *every) if key in units), "").lower()
+    return next((metres for word, metres in _UNIT_M.items() if word in unit), 1.0)
 
 
 def _is_whole(columns: list[str | None]) -> bool:
@@ -180,8 +206,24 @@ def _commented(line: Line) -> list[str | None] | None:
     return columns if _is_whole(columns) else None
 
 
-def _header(line: Line, cells: list[str]) -> list[str | None]:
+def _of_one_system(cells: list[str], notes: list[str]) -> list[str | None]:
+    """The columns; of a table in two systems longitude, latitude and their height alone."""
     columns = _columns(cells)
+    if not {"lat", "lon"} <= set(columns):
+        return columns
+    heights = [k for k, column in enumerate(columns) if column == "z"]
+    own = [k for k in heights if "ellips" in _word(cells[k])]
+    if {"x", "y"} <= set(columns):
+        notes.append("latitude and longitude were read, not the other coordinates of the table")
+        after = max(columns.index("lat"), columns.index("lon")) + 1
+        own = own or [k for k in heights if k == after]
+    left = {k for k in heights if k not in own} if len(own) == 1 else set()
+    left |= {k for k, column in enumerate(columns) if column in ("x", "y")}
+    return ["" if k in left else column for k, column in enumerate(columns)]
+
+
+def _header(line: Line, cells: list[str], notes: list[str]) -> list[str | None]:
+    columns = _of_one_system(cells, notes)
     named = [column for column in columns if column]
     twice = next((column for column in named if named.count(column) > 1), None)
     if twice:
@@ -268,7 +310,7 @@ def _table(rows, columns, headed, notes, exact) -> Table:
                 "give it with --ground-crs"
             )
         names.append(name)
-        places.append([_coordinate(line, cells[at[key]]) for key in keys])
+        places.append([_coordinate(line, cells[at[key]], key) for key in keys])
         sigmas.append(_sigmas(line, {key: _cell(cells, at[key]) for key in sigma_keys}, exact))
         roles.append(_role(line, _cell(cells, at["role"])) if "role" in at else "control")
     table = ground_table(names, np.array(places), np.array(sigmas), roles)
@@ -279,9 +321,17 @@ def _cell(cells: list[str], k: int) -> str:
     return cells[k] if k < len(cells) else ""
 
 
-def _coordinate(line: Line, cell: str) -> float:
-    value = _number(cell)
-    return value if value is not None and np.isfinite(value) else line.number(cell, "a coordinate")
+def _coordinate(line: Line, cell: str, key: str) -> float:
+    value, angle = _number(cell), _ANGLE.fullmatch(cell)
+    if value is not None and np.isfinite(value):
+        return value
+    if key in _PLACE or angle is None:
+        return line.number(cell, "a coordinate")
+    half = (angle[1] or angle[5]).upper()
+    if half and (half in "NS") != (key == "lat"):
+        raise line.wrong(f"{cell!r} stands in the column {key}; exchange lat and lon in the header")
+    size = degrees([part for part in angle.group(2, 3, 4) if part], line.path, line.at, key)
+    return -abs(size) if half and half in "SW" else size
 
 
 def _sigmas(line: Line, cells: dict[str, str], exact: bool) -> list[float]:

@@ -67,7 +67,9 @@ def headings(photos: Sequence[Metadata], seen: np.ndarray | None = None) -> Head
         return Headings(np.full(len(photos), np.nan), "", (against,))
     source, yaw = ("the yaw of the flight", body) if _many(body) else ("the yaw", gimbal)
     way = _way(yaw, course)
-    other_way = not _one_way(course) or seen is not None and not _turned_as_one(seen, yaw)
+    known = course[np.isfinite(course)]
+    one_way = len(known) < LEAST_PHOTOS or _alike(known, np.full(len(known), known[0]))
+    other_way = not one_way or seen is not None and not _turned_as_one(seen, yaw)
     if way.says != AGREES and _many(gimbal) and _alike(gimbal, 0 * gimbal) and other_way:
         # All near zero on strips to and fro: from the nose, with nothing that says where that is.
         return Headings(np.full(len(photos), np.nan), "", (way,))
@@ -144,12 +146,6 @@ def _courses(photos):
         if long[before] and long[after] and abs(wrapped(way[after] - way[before])) < NEAR_DEG:
             course[placed[k]] = way[after]
     return course
-
-
-def _one_way(course):
-    """Whether all known courses go one way."""
-    known = course[np.isfinite(course)]
-    return len(known) < LEAST_PHOTOS or _alike(known, np.full(len(known), known[0]))
 
 
 def _way(yaw, course):

@@ -12,16 +12,16 @@ from corridor.core.block import Block
 from corridor.core.brief import brief
 from corridor.core.errors import InputError, WorkFailed
 from corridor.core.geometry import GROSS, robust_scale
-from corridor.core.gnss import about_the_middle, known_crs, local_of, outside_area
+from corridor.core.gnss import about_the_middle, in_metres, known_crs, local_of, outside_area
 from corridor.core.options import options
 from corridor.core.output import Progress, Report, Table, png, silent, telling, whole_file
 from corridor.core.photographs import photographs_in, read_metadata
-from corridor.core.preparation import AGREES, Witness, derived, derived_table, record_derived
+from corridor.core.preparation import AGREES, Witness, derived, derived_table
 from corridor.tools.formats.attitudes import with_attitudes
 from corridor.tools.formats.control import add_ground, marks_refused
 from corridor.tools.formats.delay import with_delay_told
 from corridor.tools.formats.faults import blaming
-from corridor.tools.formats.frames import in_metres, moved
+from corridor.tools.formats.frames import moved
 from corridor.tools.formats.joining import bent
 from corridor.tools.formats.mapping import Cheaply, forget, from_photographs, is_whole, workplace
 from corridor.tools.formats.placing import (
@@ -246,14 +246,11 @@ def _with_tie_sigma(project: Project) -> Project:
     sigma = round(float(np.sqrt(np.sum(residual[good] ** 2) / spare)), 2)
     if not _SIGMA_PX[0] <= sigma <= _SIGMA_PX[1]:
         return project
-    block = project.block.copy()
     told = f"tie points are good to {sigma:g} px (1 sigma), by the residuals of the mapping"
     redundancy = Witness("residuals of the mapping", AGREES, f"redundancy {spare:,}")
-    record_derived(
-        block, "sigma.tie_px", "tie_points.csv", np.array([sigma]),
-        f"{told[0].upper()}{told[1:]}.", "px", [redundancy],
-    )  # fmt: skip
-    return project.having(notes=[told], sigma={**block.sigma, "tie_px": sigma}, extra=block.extra)
+    project = project.having(notes=[told], sigma={**project.block.sigma, "tie_px": sigma})
+    known = np.array([sigma])
+    return project.deriving("sigma.tie_px", "tie_points.csv", known, told, "px", [redundancy])
 
 
 def _straight(project: Project, output: Path, force: bool) -> Project:

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from corridor.core import gnss
-from corridor.core.block import POSE, Block
+from corridor.core.block import POSE, VELOCITY, Block
 from corridor.core.errors import InputError, some
 from corridor.core.geometry import robust_scale, rotation_from_quaternion, similarity
 from corridor.core.gnss import (
@@ -33,7 +33,6 @@ from corridor.core.preparation import (
     UNCHECKED,
     Witness,
     paired_speeds,
-    record_derived,
     velocity_warnings,
 )
 from corridor.tools.formats.control import moved_by
@@ -44,7 +43,6 @@ from corridor.tools.formats.names import Names
 from corridor.tools.formats.project import Project
 from corridor.tools.formats.starting import rotations_of
 
-VELOCITY = ("vx", "vy", "vz")
 _LEAST_PAIRS = 5
 # Positions this near are one position; attitudes of gimbals and compasses are good to 5 degrees.
 _SAME_PLACE_M, _ATTITUDE_RAD, _BESIDE = 0.01, 0.09, 2.0
@@ -233,13 +231,9 @@ def _with_flights(project, photos):
         return project
     order = {one: k for k, one in enumerate(dict.fromkeys(flight[np.argsort(time)].tolist()), 1)}
     names = pd.array([f"F{order[one]}" for one in flight.tolist()], dtype="str")
-    project = project.having(images=_having(project, flight=names))
-    block = project.block.copy()
     told = f"{len(order)} flights: {', and '.join(f'{w.source} ({w.text})' for w in witnesses)}"
-    record_derived(
-        block, "images.flight", "the photographs", None, f"{told}.", witnesses=witnesses
-    )  # fmt: skip
-    return project.having(notes=[told], extra=block.extra)
+    project = project.having(notes=[told], images=_having(project, flight=names))
+    return project.deriving("images.flight", "the photographs", None, told, witnesses=witnesses)
 
 
 def _having(project, **columns):
@@ -357,8 +351,7 @@ def _with_velocities(project: Project, velocity: np.ndarray, source: str) -> Pro
     told = f"velocities east, north, up: {source}"
     columns = dict(zip(VELOCITY, velocity.T, strict=True))
     made = project.having(notes=[told], images=_having(project, **columns))
-    block = replace(made.block, extra=dict(made.block.extra))
-    doubts, pairs = velocity_warnings(block), paired_speeds(block)
+    doubts, pairs = velocity_warnings(made.block), paired_speeds(made.block)
     if doubts:
         witness = Witness("positions and times", CONTRADICTS, doubts[0])
     elif len(pairs.told) < _LEAST_PAIRS:
@@ -373,11 +366,8 @@ def _with_velocities(project: Project, velocity: np.ndarray, source: str) -> Pro
             "how long a metre; give ground points (--ground) with their system, or photographs "
             "with positions"
         )
-    record_derived(
-        block, "stated velocity", source, None, f"{told[0].upper()}{told[1:]}.",
-        "east, north, up", [witness],
-    )  # fmt: skip
-    return replace(made, block=block, warnings=[*made.warnings, *doubts])
+    made = made.deriving("stated velocity", source, None, told, "east, north, up", [witness])
+    return replace(made, warnings=[*made.warnings, *doubts])
 
 
 def gyro_rates(photo: Metadata, time_s: float | None) -> pd.DataFrame | None:
@@ -543,6 +533,8 @@ def _with_positions(project, photos: dict[int, Metadata], exposures):
                 lever_arm={"default": (0.0, 0.0, 0.0)},
                 lever_arm_fixed=True,
             )
+    # A mark without a fix has a time and no place.
+    table = table[table[["lon", "lat"]].notna().all(axis=1)]
     if not len(table):
         return project.noted("the photographs have no positions")
     columns = [name for name in ("sx", "sy", "sz") if name in table]
@@ -553,10 +545,8 @@ def _with_positions(project, photos: dict[int, Metadata], exposures):
     project = _put(project, table, "the photographs", attitudes)
     if assumed and len(project.block.gnss):
         sigma = table[["sx", "sy"]].to_numpy(float)
-        record_derived(
-            project.block, "gnss.sx", "the kind of receiver", sigma, f"{assumed}.",
-            witnesses=[_scatter(project.block, float(np.median(sigma)))],
-        )  # fmt: skip
+        seen = [_scatter(project.block, float(np.median(sigma)))]
+        return project.deriving("gnss.sx", "the kind of receiver", sigma, assumed, witnesses=seen)
     return project
 
 
@@ -593,7 +583,8 @@ def _positions_of(photos: Mapping[str, Metadata]) -> tuple[pd.DataFrame, str, li
         elif flag not in (None, 50):
             # What a receiver states of a position that is no fix is its noise, not its error.
             sigma = tuple(np.maximum(sigma, _ASSUMED[kind]))
-        rows.append((image, photo.lon_deg, photo.lat_deg, photo.height or 0.0, *sigma))
+        height = np.nan if photo.height is None else photo.height
+        rows.append((image, photo.lon_deg, photo.lat_deg, height, *sigma))
     if assumed:
         told = (
             f"{assumed} of {len(rows)} positions come without a standard deviation: 3 m "
@@ -606,7 +597,10 @@ def _positions_of(photos: Mapping[str, Metadata]) -> tuple[pd.DataFrame, str, li
             f"{_ASSUMED[34 if 32 <= flag <= 49 else 16][0]:g} m horizontally, whatever they state"
         )
     if without:
-        notes.append(f"{without} positions have no height: 0 was taken")
+        notes.append(
+            f"{without} positions have no height: they may place the project, and are no "
+            "measurements of it"
+        )
     columns = ["image", "lon", "lat", "height", "sx", "sy", "sz"]
     return pd.DataFrame(rows, columns=columns), told, notes
 
@@ -619,9 +613,12 @@ def _put(
 ) -> Project:
     """Geographic positions as gnss.csv, in the block's frame; the block is placed by them if need.
 
-    table: image, lon, lat, height, sx, sy, sz. attitudes: (3, 3) world to camera, by image.
+    table: image, lon, lat, height (NaN: unknown), sx, sy, sz. attitudes: (3, 3) world to camera,
+    by image.
     """
-    places = table[["lon", "lat", "height"]].to_numpy(float)
+    places = table[["lon", "lat", "height"]].to_numpy(float, copy=True)
+    known = np.isfinite(places[:, 2])
+    places[~known, 2] = np.median(places[known, 2]) if known.any() else 0.0
     if not project.placed and project.block.crs is None and local_of(project.block) is None:
         project = _placed(project, table, places, what, attitudes or {})
     block = project.block
@@ -636,6 +633,9 @@ def _put(
         if name in table:
             sigma = table[name].to_numpy(float)
             out[name] = np.where(sigma > 0, sigma, np.nan)
+    out = out[known].reset_index(drop=True)
+    if not len(out):
+        return project
     return project.having(notes=[f"gnss.csv: {len(out)} positions of {what}"], gnss=out)
 
 
@@ -682,13 +682,19 @@ def _placed(
         return project.warned(
             f"the project stays in its own frame: positions of {what} do not place it ({error})"
         )
-    ground = block.ground
-    if len(ground):
-        xyz = found.apply(ground[list(POSE[:3])].to_numpy(float))
-        ground = ground.assign(**dict(zip(POSE[:3], xyz.T, strict=True)))
+    xyz = found.apply(block.ground[list(POSE[:3])].to_numpy(float))
     with_attitudes = " and their attitudes" if len(axes) else ""
-    return moved_by(project, found).having(
+    moved, warnings = moved_by(project, found), []
+    if np.nanmedian(rotation_from_quaternion(moved.block.poses[:, 3:])[:, 2, 2]) > 0:
+        # A mirrored flight fits upside down, for its positions lie nearly in a plane.
+        warnings.append(
+            f"placed by positions of {what} the cameras look up: unless they were taken from "
+            "below, the positions are mirrored; is the sign of latitude or longitude lost (N, S, "
+            "E, W), or are the two exchanged?"
+        )
+    return moved.having(
         placed=True,
+        warnings=warnings,
         notes=[
             f"placed by positions of {what}{with_attitudes}: scale {found.scale:.6g}, camera "
             f"centres {typical:.2g} m (median) from them; world: east, north, up about "
@@ -696,7 +702,7 @@ def _placed(
         ],
         offset=np.zeros(3),
         extra={**block.extra, "local_frame": local_table(local)},
-        ground=ground,
+        ground=block.ground.assign(**dict(zip(POSE[:3], xyz.T, strict=True))),
     )
 
 

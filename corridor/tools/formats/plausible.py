@@ -163,7 +163,12 @@ def _slips(block, given, crs, in_frame):
             "Easting) or exchange them"
         )
     tries = [(axes, exchanged, crs)]
-    if np.abs(given[:, 0]).max() <= 360 and np.abs(given[:, 1]).max() <= 90 and crs is None:
+    if geographic:
+        told = "the sign of the latitude is wrong: south of the equator it is below 0"
+        tries.append((told, given * [1, -1, 1], crs))
+        told = "the sign of the longitude is wrong: west of Greenwich it is below 0"
+        tries.append((told, given * [-1, 1, 1], crs))
+    if np.abs(given[:, :2]).max() <= 360 and crs is None:
         told = "the coordinates are longitude and latitude: give --ground-crs EPSG:4326"
         tries.append((told, given, "EPSG:4979"))
         told = "the coordinates are latitude and longitude: name the columns lat, lon, height"
@@ -182,13 +187,15 @@ def _slips(block, given, crs, in_frame):
             code = f"EPSG:{north + int(zone[0])}"
             tries.append((f"{told}, and give --ground-crs {code}", bare, code))
     local = local_of(block)
-    if crs is None and local is not None:
+    if local is not None and (crs is None or known_crs(crs).utm_zone):
         # The usual systems of where the block lies.
         utm = int((local.lon_deg + 180) // 6) + 1
         north = [25800, 32600] if local.lat_deg >= 0 else [32700]
         for base in north:
             code = f"EPSG:{base + utm}"
             told = f"the coordinates are not those of the project: give --ground-crs {code}"
+            if crs is not None:
+                told = f"the coordinates are those of {code}: write that in place of {crs[:40]}"
             tries.append((told, given, code))
             told = f"northing stands first: name the columns, and give --ground-crs {code}"
             tries.append((told, exchanged, code))

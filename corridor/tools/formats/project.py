@@ -14,9 +14,8 @@ from corridor.core.brief import brief
 from corridor.core.camera import Camera
 from corridor.core.errors import InputError, some
 from corridor.core.geometry import quaternion_from_rotation
-from corridor.core.gnss import (
-    Local,
-)
+from corridor.core.gnss import Local
+from corridor.core.preparation import Witness, record_derived
 from corridor.tools.formats.cameras import NoModel
 from corridor.tools.formats.frames import local_table
 from corridor.tools.formats.names import numbered
@@ -82,6 +81,21 @@ class Project:
     def warned(self, *warnings: str) -> Project:
         """The project with sentences on what may be wrong."""
         return self.having(warnings=warnings)
+
+    def deriving(
+        self,
+        column: str,
+        source: str,
+        sigma: np.ndarray | None,
+        told: str,
+        frame: str = "",
+        witnesses: Iterable[Witness] = (),
+    ) -> Project:
+        """The project whose block.toml says how a column came about (`record_derived`)."""
+        block = replace(self.block, extra=dict(self.block.extra))
+        text = f"{told[0].upper()}{told[1:].rstrip('.')}."
+        record_derived(block, column, source, sigma, text, frame, witnesses)
+        return replace(self, block=block)
 
 
 def hung_together(project: Project, leader: Mapping[str, str]) -> Project:
@@ -151,22 +165,6 @@ def matrices_of(quaternions: np.ndarray) -> np.ndarray:
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
     return np.array(rows).transpose(2, 0, 1)
-
-
-def images_table(
-    names: Sequence[str],
-    cameras: Sequence[str],
-    centres: np.ndarray,
-    quaternions: np.ndarray,
-    **columns,
-) -> pd.DataFrame:
-    """images.csv of names, cameras, centres (n, 3) and quaternions (n, 4), NaN where unknown."""
-    table = pd.DataFrame({"image": pd.array(list(names), dtype="str"), "camera": list(cameras)})
-    table["camera"] = table["camera"].astype("str")
-    for name, values in columns.items():
-        table[name] = values
-    table[list(POSE)] = np.column_stack([centres, quaternions])
-    return table
 
 
 def observations_table(
@@ -357,10 +355,13 @@ class Contents:
         quaternion = np.full((len(known), 4), np.nan)
         quaternion[known] = rotations_to_columns(self.rotation[known])
         used = set(self.used)
+        images = pd.DataFrame({"image": self.images, "camera": list(self.used)}, dtype="str")
+        images = images.assign(**self.columns)
+        images[list(POSE)] = np.column_stack([self.centre, quaternion])
         block = Block(
             name=self.name,
             cameras={name: camera for name, camera in self.cameras.items() if name in used},
-            images=images_table(self.images, self.used, self.centre, quaternion, **self.columns),
+            images=images,
             tie_points=self.ties and self.ties.table(self.images, self.warnings),
             marks=self.marks and self.marks.table(self.images, self.warnings),
             points=self.points and points_table(*self.points),

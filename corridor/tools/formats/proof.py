@@ -15,6 +15,7 @@ from corridor.core.brief import brief
 from corridor.core.camera import INTERIOR
 from corridor.core.errors import InputError
 from corridor.core.geometry import robust_scale
+from corridor.tools.formats.cameras import FLIP
 from corridor.tools.formats.project import Project
 from corridor.tools.formats.rows import Rows, rows_of
 
@@ -338,7 +339,6 @@ def _half_pixel(rows: Rows) -> str | None:
     return None
 
 
-_FLIP = np.diag([1.0, -1.0, -1.0])
 _EXCHANGED = [INTERIOR.index({"p1": "p2", "p2": "p1"}.get(name, name)) for name in INTERIOR] + [-1]
 _BENT = np.array([False] * 3 + [True] * (len(INTERIOR) - 3) + [False])  # what bends the ray
 # Steps that undo a mistake: the fields of `Rows` that change.
@@ -351,7 +351,7 @@ _STEPS: dict[str, Callable[[Rows], dict]] = {
     "C = -R' t": lambda rows: {"centre": -np.einsum("nji,nj->ni", rows.rotation, rows.centre)},
     # They were turned into a centre though they were one.
     "t = -R C": lambda rows: {"centre": -np.einsum("nij,nj->ni", rows.rotation, rows.centre)},
-    "camera up": lambda rows: {"rotation": _FLIP @ rows.rotation},
+    "camera up": lambda rows: {"rotation": FLIP @ rows.rotation},
     # y of the observations counted upwards, from the other edge of the picture.
     "image up": lambda rows: _image_up(rows, rows.middle[rows.image, 1]),
     "image up about cy": lambda rows: _image_up(rows, rows.interior[rows.image, 2]),

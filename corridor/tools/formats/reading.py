@@ -10,9 +10,9 @@ from corridor.core.block import SIGMAS, Block
 from corridor.core.errors import InputError
 from corridor.core.gnss import (
     known_crs,
+    metric,
 )
 from corridor.tools.formats.faults import blaming
-from corridor.tools.formats.frames import metric
 from corridor.tools.formats.programs import candidates, formats
 from corridor.tools.formats.project import Project, near_origin
 from corridor.tools.formats.rows import share_outside

@@ -89,10 +89,6 @@ class Rows:
         rays = Rays(seen.image[good], ray[good], self.rotation, self.centre, pixel)
         return meeting_points(rays, place[seen.point][good], len(points))
 
-    def residual_lengths(self) -> np.ndarray:
-        """(m,) px; 0 where there is none."""
-        return np.nan_to_num(np.linalg.norm(self.residuals(), axis=1))
-
 
 def rows_of(block: Block, complete: bool = True) -> Rows:
     """The arrays of a block; ground points take measured coordinates (points.csv) if it has them.

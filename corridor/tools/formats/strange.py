@@ -1,5 +1,6 @@
 """What a file is that is no project, and the way on: by its ending and its first characters."""
 
+import re
 from itertools import islice
 from pathlib import Path
 
@@ -17,17 +18,12 @@ _ENDINGS = {
     "name that",
     ".rsproj": "a RealityScan project: export a Bundler file or a COLMAP model from it, and name "
     "that",
-    ".xlsx": "an Excel workbook: save the sheet as comma separated text (.csv), and name that",
-    ".xls": "an Excel workbook: save the sheet as comma separated text (.csv), and name that",
     ".ods": "a spreadsheet: save the sheet as comma separated text (.csv), and name that",
     ".sbet": "a POSPac trajectory in binary form: export it from POSPac as text",
     ".out": "a file of a trajectory or of another program: of POSPac, export it as text",
     ".pdf": "a report: name the project that it is of",
     ".zip": "an archive: unpack it, and name the folder",
     ".xmlz": "a packed BlocksExchange: unpack it like a .zip, and name the .xml in it",
-    ".las": "a point cloud: a project has photographs, their poses and measurements",
-    ".laz": "a point cloud: a project has photographs, their poses and measurements",
-    ".ply": "a point cloud: a project has photographs, their poses and measurements",
     ".mg": "a Meshroom graph: name the sfm.json or cameras.sfm that its node StructureFromMotion "
     "wrote (MeshroomCache/StructureFromMotion/.../)",
     ".pos": "a receiver's track: give it with --track, beside a project",
@@ -37,14 +33,19 @@ _ENDINGS = {
     ".nmea": "a receiver's NMEA log: its positions have no standard deviations; process the raw "
     "data, and give the track with --track",
 }
-_ENDINGS |= dict.fromkeys(
-    (".kml", ".kmz", ".gpx", ".geojson", ".dxf", ".dwg", ".shp", ".gpkg"),
-    "a map: save its points as comma separated text (name, x, y, z), and name that",
-)
+_ALIKE = {
+    ".xlsx .xls": "an Excel workbook: save the sheet as comma separated text (.csv), and name that",
+    ".las .laz .ply": "a point cloud: a project has photographs, their poses and measurements",
+    ".kml .kmz .gpx .geojson .dxf .dwg .shp .gpkg": "a map: save its points as comma separated "
+    "text (name, x, y, z), and name that",
+    ".gsi .jxl .jobxml .job .rw5 .sdr .dc .dbx .crd .landxml": "a file of a surveying instrument: "
+    "export its points as comma separated text (name, x, y, z), and name that",
+}
+_ENDINGS |= {end: told for ends, told in _ALIKE.items() for end in ends.split()}
 _GROUND = "a list of ground points: name the project, and give the list with --ground"
 _PLAN = "a plan of a flight: `corridor plan PLAN` says how accurate it will be"
 _MOST_FILES = 2000  # of a folder are looked at
-_MODEL = {"cameras": ".txt or .bin", "images": ".txt or .bin", "points3D": ".txt or .bin"}
+_MODEL = ("cameras", "images", "points3D")
 
 
 def strange(path: Path) -> str:
@@ -77,9 +78,17 @@ def strange(path: Path) -> str:
 
 def not_text(path: Path) -> str:
     """What a file is that is no list of points as text, and what to do; or empty."""
-    if opening(path, 400).lstrip().lower().startswith(("<!doctype html", "<html")):
+    head = opening(path, 400).lstrip()
+    if head.lower().startswith(("<!doctype html", "<html")):
         return "a page of the web: download the file itself"
-    return _ENDINGS.get(path.suffix.lower(), "")
+    if re.match(r"\*?11\d{4}[+-]\S+ ", head) or "<LandXML" in head:
+        return _ENDINGS[".gsi"]
+    if re.search(r'<(kml|gpx)\b|"(FeatureCollection|Feature)"', head):
+        return _ENDINGS[".kml"]
+    ending = path.suffix.lower()
+    if head.startswith("PK\3\4") and ending not in _ENDINGS:
+        ending = ".xlsx"
+    return _ENDINGS.get(ending, "")
 
 
 def _is_tracks(head: str) -> bool:

@@ -18,7 +18,7 @@ from corridor.core.block import POSE, Block
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.geometry import quaternion_from_rotation, rotation_from_quaternion
 from corridor.core.photographs import Metadata
-from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness, record_derived
+from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness
 from corridor.tools.formats.heading import (
     AGREEING_SHARE,
     LEAST_PHOTOS,
@@ -110,14 +110,10 @@ def _recorded(project: Project, found: Headings, seen: np.ndarray, turned: np.nd
         told = f"{turned.sum()} the other way round" if turned.any() else ""
         mapped = Witness("the mapped poses", says, told or f"to {np.median(off):.0f} degrees")
         sigma = np.radians(off)
-    block = replace(project.block, extra=dict(project.block.extra))
     source = found.source or "yaws that contradict each other"
-    record_derived(
-        block, "heading", source, sigma,
-        f"The photographs' headings are {source}.", "degrees from north over east; sigma in rad",
-        (*found.witnesses, mapped),
-    )  # fmt: skip
-    return replace(project, block=block)
+    told = f"The photographs' headings are {source}"
+    frame = "degrees from north over east; sigma in rad"
+    return project.deriving("heading", source, sigma, told, frame, (*found.witnesses, mapped))
 
 
 def _gain(block: Block, rows: np.ndarray) -> float | None:

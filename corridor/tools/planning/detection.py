@@ -39,7 +39,8 @@ def detectable(plan: Plan, laid_out: Block, believed: Believed) -> SurfaceChange
         sigma=dict(stated),
     )  # fmt: skip
     kinds = ("tie_px", "mark_px", "gnss_m", "control_m")
-    flown = add_noise(block, **{kind: stated[kind] for kind in kinds}, seed=seed)
+    sizes = {kind: stated[kind] for kind in kinds} | {"distance_m": plan.noise.distance_m}
+    flown = add_noise(block, **sizes, seed=seed)
     # A survey of control is made anew at each date: nothing of it is common.
     return registry.room("change").detection(
         flown, believed.as_model(), common=("priors",), gnss_bias=noise.bias_sigma_m

@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
+from corridor.core.adjustment import END
 from corridor.core.errors import InputError
 from corridor.core.output import millimetres
 from corridor.tools.planning.conditioning import Moments, condition
@@ -140,7 +141,7 @@ class Expected:
         )
         if self.open:
             frame[["sigma", "rms"]] = np.nan
-        return frame
+        return frame[[unknown.kind != END for unknown in unknowns]].reset_index(drop=True)
 
     @cached_property
     def correlations(self) -> pd.DataFrame:

@@ -277,9 +277,16 @@ class Network:
 
 
 def without_control(plan: Plan, seed: int) -> Block:
-    """The perfect block of a plan, without the ground points that the plan states."""
-    none = {"control": 0, "check": 0, "every_m": None, "check_from_ties": 0, "bars": 0}
-    return perfect_block(replace(plan, ground=replace(plan.ground, **none)), seed)
+    """The perfect block of a plan, without the ground points that the plan states.
+
+    Its bars stay where the plan states how good they are (`noise.distance_m`).
+    """
+    none = {"control": 0, "check": 0, "every_m": None, "check_from_ties": 0}
+    none |= {} if plan.noise.distance_m else {"bars": 0}
+    block = perfect_block(replace(plan, ground=replace(plan.ground, **none)), seed)
+    if len(block.distances):
+        block.distances = block.distances.assign(sigma=plan.noise.distance_m)
+    return block
 
 
 def _block_of(plan: Plan, surveyed: Surveyed, seed: int) -> tuple[Block, Surveyed, list[str]]:

@@ -12,7 +12,7 @@ import pandas as pd
 
 from corridor.core.block import Block
 from corridor.core.options import options
-from corridor.core.output import Progress, with_units
+from corridor.core.output import Progress, counted, with_units
 from corridor.core.simulation import ORDINARY_NOISE, Noise, Plan
 from corridor.tools.planning.advising import advice, cheapest
 from corridor.tools.planning.detection import detectable
@@ -149,6 +149,10 @@ def _sigmas(sets: Sequence[Plan], flown: dict[str, Block]) -> str:
             f"image points {sigma['tie_px']:g} px, marks {sigma['mark_px']:g} px, {gnss}, "
             f"control {three['control']} m (x/y/z)"
         )
+        if count := len(flown[one.name].distances):
+            words += f", {counted(count, 'distance')} {one.noise.distance_m:g} m"
+        elif one.ground.bars:
+            words += ", bars left out as [noise] states no distance_m"
         if one.noise == ORDINARY_NOISE:
             words += ", ordinary ones as the plan states none"
         told.setdefault(words, []).append(one.name)

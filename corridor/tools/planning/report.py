@@ -144,12 +144,11 @@ def _of(table: pd.DataFrame, columns, title: str, notes: tuple[str, ...]) -> Tab
     rows, before = [], None
     for row in table.to_dict("records"):
         name = str(row["flights"])
-        cells = (_cell(row[key], factor, form) for _, key, factor, form in columns)
+        cells = (
+            format(factor * row[key], form) if np.isfinite(row[key]) else DASH
+            for _, key, factor, form in columns
+        )
         rows.append((name if name != before else "", str(row["control"]), *cells))
         before = name
     header = ("flights", "control", *(head for head, *_ in columns))
     return Table(title, header, tuple(rows), "l" + "r" * (len(header) - 1), notes)
-
-
-def _cell(value: float, factor: float, form: str) -> str:
-    return format(factor * value, form) if np.isfinite(value) else DASH

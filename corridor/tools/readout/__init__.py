@@ -12,8 +12,13 @@ from corridor.tools.readout import render
 from corridor.tools.readout.bar import measure_bar
 from corridor.tools.readout.examples import EXAMPLES, write_examples
 from corridor.tools.readout.flight import readout_from_flight
-from corridor.tools.readout.flight_folder import can_save_flight, save_flight
-from corridor.tools.readout.flight_report import FlightReadout, published_value, use
+from corridor.tools.readout.flight_report import (
+    FlightReadout,
+    can_save_flight,
+    published_value,
+    save_flight,
+    use,
+)
 from corridor.tools.readout.gyroscope import rates_from_gyro
 from corridor.tools.readout.led import measure_led
 from corridor.tools.readout.photograph import CannotMeasure, Photograph

@@ -1,16 +1,32 @@
-"""What a flight tells of a readout time: which to use, sentences, tables and numbers."""
+"""What a flight tells of a readout time: which to use, sentences, tables, numbers, and the folder
+with page, picture and numbers."""
 
+import os
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
+from corridor.core import registry
 from corridor.core.brief import brief
-from corridor.core.output import Report, Table, rounded, short
+from corridor.core.output import (
+    Report,
+    Table,
+    check_folder,
+    png,
+    rounded,
+    short,
+    whole_folder,
+    write_json,
+)
 from corridor.core.photographs import PublishedReadout
 from corridor.tools.readout.motion import Motion
 from corridor.tools.readout.next_photographs import Advice
 
-PICTURE = "readout.png"
+PICTURE, _PAGE = "readout.png", "report.html"
+# A readout that was not told is none: whoever reads readout.json finds no number.
+_RESULT = {True: "readout.json", False: "refused.json"}
+_OURS = (_PAGE, PICTURE, *_RESULT.values())
 _MOST_PUBLISHED = 6
 # Sources of one camera differ by 5 to 10 per cent.
 PUBLISHED_SHARE = 0.07
@@ -265,6 +281,11 @@ def _rests_on(found: FlightReadout) -> Table:
     return Table("What it rests on", (), tuple(rows), "ll", notes)
 
 
+def _in_ms(readout: float | None, sigma: float | None) -> dict[str, float | None]:
+    both = {"readout_ms": readout, "sigma_ms": sigma}
+    return {key: None if value is None else 1000 * value for key, value in both.items()}
+
+
 def to_dict(found: FlightReadout) -> dict:
     """The content of readout.json; times in milliseconds where the key says so."""
     value, sigma, why = use(found)
@@ -276,31 +297,23 @@ def to_dict(found: FlightReadout) -> dict:
         "told": found.told,
         "reasons": list(found.reasons),
         "camera": found.camera,
-        "readout_ms": 1000 * found.readout,
-        "sigma_ms": 1000 * found.sigma,
+        **_in_ms(found.readout, found.sigma),
         "formal_sigma_ms": 1000 * found.formal,
         "jackknife_sigma_ms": 1000 * found.jackknife,
         "rows": found.rows,
-        "eight_parameters": {
-            "readout_ms": 1000 * found.eight, "sigma_ms": 1000 * found.eight_sigma
-        },
+        "eight_parameters": _in_ms(found.eight, found.eight_sigma),
         "without_strip": [
-            {"strip": one.strip, "images": one.images, "readout_ms": 1000 * one.readout,
-             "sigma_ms": 1000 * one.sigma}
+            {"strip": one.strip, "images": one.images} | _in_ms(one.readout, one.sigma)
             for one in found.left
         ],
         "published": None if known is None else {
-            "readout_ms": 1000 * known[0], "sigma_ms": 1000 * known[1], "whose": known[2],
+            **_in_ms(*known[:2]), "whose": known[2],
             "values": [
                 {"readout_ms": one.readout_ms, "mode": one.mode, "source": one.source}
                 for one in found.published
             ],
         },
-        "use": {
-            "readout_ms": None if value is None else 1000 * value,
-            "sigma_ms": None if sigma is None else 1000 * sigma,
-            "why": why,
-        },
+        "use": _in_ms(value, sigma) | {"why": why},
         "next_photographs": None if found.advice is None else {
             "images": list(found.advice.images), "how": found.advice.how,
             "sigma_ms": 1000 * found.advice.sigma,
@@ -321,3 +334,29 @@ def to_dict(found: FlightReadout) -> dict:
         "warnings": list(found.notes),
         "pictures": [PICTURE],
     }  # fmt: skip
+
+
+def can_save_flight(folder: str | os.PathLike) -> None:
+    """Raises InputError, before any work is done, where `save_flight` would refuse `folder`."""
+    check_folder(folder, _PAGE)
+
+
+def save_flight(found: FlightReadout, folder: str | os.PathLike) -> list[Path]:
+    """Writes report.html, readout.png and readout.json, whole or not at all; returns the paths.
+
+    Where the flight does not tell, refused.json stands in place of readout.json.
+    Raises InputError where `folder` is a file or a folder of something else.
+    """
+    picture = png(registry.room("figures").flight_readout(found, published_value(found)))
+    caption = (
+        "Left: the readout time by the whole flight (thick bar: the honest sigma), without each "
+        "strip, with eight camera parameters, and as published. Right: where the images were taken "
+        "and how fast the drone flew; circles: where four more photographs would help most."
+    )
+    page = report_of(found).page([("Readout time from the flight", caption, picture)])
+    files = (_RESULT[found.told], _PAGE, PICTURE)
+    with whole_folder(folder, _PAGE, lambda name: name in _OURS) as part:
+        (part / PICTURE).write_bytes(picture)
+        (part / _PAGE).write_text(page, encoding="utf-8", newline="\n")
+        write_json(to_dict(found), part / files[0])
+    return [Path(folder) / name for name in files]

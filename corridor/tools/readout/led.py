@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from corridor.core.camera import SLOWEST_READOUT_S
 from corridor.core.engine.threads import one_thread
 from corridor.core.errors import InputError
 from corridor.core.geometry import robust_scale
-from corridor.core.preparation import SLOWEST_READOUT_S
 from corridor.tools.readout.fitting import sigmas_of, vertex
 from corridor.tools.readout.photograph import CannotMeasure, Photo, read
 from corridor.tools.readout.result import Readout, StripesDrawing, sigma_with_speed
@@ -43,6 +43,8 @@ _QUARTZ = 1e-5
 _UNEVEN = 0.04
 # A row of a rolling shutter: 15 to 60 ms for 3,000 rows (published readout times).
 _ROW_S = 5e-6, 20e-6
+# A hundredth of that: stacked sensors need an eighth, and a frequency in mHz leaves a thousandth.
+_FASTEST_ROW_S = 5e-8
 _GAIN = 3.0  # by which the stripes must shrink what a smooth light leaves over
 _METHOD = (
     "frequency of the stripes in the mean light of the rows: up to 15 harmonics with smooth "
@@ -110,10 +112,12 @@ def measure_led(
     if photo.exposure_s and abs(photo.exposure_s * frequency_hz - 1) < 0.05:
         warnings.append("the exposure is close to one period of the light: the stripes are weak")
     readout = 1e3 * (rows - 1) * cycles / frequency_hz
-    if readout > 1e3 * SLOWEST_READOUT_S:
+    slow = readout > 1e3 * SLOWEST_READOUT_S
+    if slow or readout < 1e3 * rows * _FASTEST_ROW_S:
         raise InputError(
-            f"--frequency {frequency_hz:g}: the readout time would be {readout:,.0f} ms, longer "
-            "than that of any camera; give the frequency in Hz (0.5 kHz is 500)"
+            f"--frequency {frequency_hz:g}: the readout time would be {readout:,.4g} ms, "
+            f"{'longer' if slow else 'shorter'} than that of any camera; give the frequency in Hz "
+            "(0.5 kHz is 500)"
         )
     own = 1e3 * (rows - 1) * fitted.sigma / frequency_hz
     found = Readout(
@@ -285,7 +289,8 @@ def _fit(found: _Stripes) -> _Fitted | None:
         return None
     background = basis.background
     flat = signal - background @ np.linalg.lstsq(background, signal, rcond=None)[0]
-    phase = np.array([_phase(flat, row, h * cycles) for h in basis.orders])
+    window, turns = flat * np.hanning(rows), -2j * np.pi * (basis.orders * cycles)
+    phase = np.angle([np.sum(window * np.exp(turn * row)) for turn in turns])
     weights = np.ones(rows)
     for step in range(25):
         root = np.sqrt(weights)
@@ -399,8 +404,3 @@ class _Basis:
         by_phase = -np.stack(shapes, axis=1) * np.sin(argument)
         by_cycles = by_phase @ (2 * np.pi * self.orders) * row * (2.0 / len(row))
         return base, np.hstack([by_cycles[:, None], by_phase])
-
-
-def _phase(flat, row, cycles):
-    total = np.sum(flat * np.hanning(len(row)) * np.exp(-2j * np.pi * cycles * row))
-    return np.angle(total)

@@ -163,11 +163,7 @@ def _facts(content: bytes, path: Path, most_pixels: int) -> Metadata:
         return Metadata(path, 0, 0)
 
 
-def _linear_table():
-    value = np.arange(256) / 255
-    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4).astype(
-        np.float32
-    )
-
-
-_LINEAR = _linear_table()
+_CODED = np.arange(256) / 255
+_LINEAR = np.where(_CODED <= 0.04045, _CODED / 12.92, ((_CODED + 0.055) / 1.055) ** 2.4).astype(
+    np.float32
+)

@@ -263,13 +263,9 @@ def develop(
     return _SRGB[np.clip(light * (_SRGB.size - 1) + 0.5, 0, _SRGB.size - 1).astype(np.uint16)]
 
 
-def _srgb_table(count=1 << 14):
-    linear = np.linspace(0, 1, count)
-    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
-    return np.round(255 * encoded).astype(np.uint8)
-
-
-_SRGB = _srgb_table()
+_LINEAR = np.linspace(0, 1, 1 << 14)
+_CODED = np.where(_LINEAR <= 0.0031308, 12.92 * _LINEAR, 1.055 * _LINEAR ** (1 / 2.4) - 0.055)
+_SRGB = np.round(255 * _CODED).astype(np.uint8)
 
 
 def _key(camera):

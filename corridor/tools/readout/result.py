@@ -73,24 +73,15 @@ class Readout:
 
     def as_dict(self) -> dict[str, Any]:
         """The content of readout.json without its pictures."""
-        content = {
-            "target": self.target,
-            "method": self.method,
-            "readout_ms": self.readout_ms,
-            "sigma_ms": self.sigma_ms,
-            "row_axis": self.row_axis,
-            "row_direction": self.row_direction,
-            "rows": self.rows,
-        }
+        keys = ("target", "method", "readout_ms", "sigma_ms", "row_axis", "row_direction", "rows")
+        content = {key: getattr(self, key) for key in keys}
         if self.frequency_hz is not None:
             content["frequency_hz"] = self.frequency_hz
         else:
             content["rotation_sense"] = self.rotation_sense
             content["angular_velocity_deg_s"] = self.angular_velocity_deg_s
             content["rotation_during_readout_deg"] = self.rotation_deg
-        content.update(self.extra)
-        content["warnings"] = list(self.warnings)
-        return content
+        return {**content, **self.extra, "warnings": list(self.warnings)}
 
     def __str__(self) -> str:
         """The result in a few lines."""

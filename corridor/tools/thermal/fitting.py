@@ -12,7 +12,7 @@ import pandas as pd
 from scipy.optimize import minimize_scalar
 
 from corridor.core.brief import brief
-from corridor.core.geometry import robust_scale
+from corridor.core.geometry import jackknife, robust_scale
 from corridor.tools.thermal import temperature
 from corridor.tools.thermal.maps import Maps
 from corridor.tools.thermal.model import KINDS, ThermalModel
@@ -80,14 +80,11 @@ def fit(
         lag, lag_sigma, note = _lag(sums, kind, int(powers), steps)
     if note:
         notes.append(note)
-    notes += [_say_step(sums, step) for step in steps]
+    names = maps.picture[sums.rows]
+    notes += [_jumps(names[step - 1], names[step]) for step in steps]
     solved = sums.solve(kind, int(powers), lag or 0.0, steps)
     if kind != "printed" and _apart(sums, solved):
-        notes.append(
-            "the picture as a whole jumps between the reference and "
-            f"{maps.picture[sums.rows[0]]}, beyond what temperature explains: the tripod or the "
-            "camera was moved; the jump was fitted and left out of the model"
-        )
+        notes.append(_jumps("the reference", names[0]))
     model = _model(sums, solved, lag, lag_sigma, tuple(dict.fromkeys(notes)))
     model = replace(model, extra={"smoothed_temperature": bool(smooth)})
     return Fit(model, _pictures(sums, solved, lag or 0.0), table)
@@ -177,9 +174,8 @@ def _lag(sums, kind, powers=None, steps=()):
     # Errors of neighbouring pictures are alike: whole stretches of time are left out.
     parts = min(6, len(sums.rows) // 2)
     part = np.arange(len(sums.rows)) * parts // len(sums.rows)
-    without = np.array([_best_lag(sums, kind, powers, steps, part != n, lag) for n in range(parts)])
-    sigma = float(np.sqrt((parts - 1) / parts * np.sum((without - without.mean()) ** 2)))
-    sigma = max(sigma, 0.05)
+    without = [_best_lag(sums, kind, powers, steps, part != n, lag) for n in range(parts)]
+    sigma = max(jackknife(without), 0.05)
     if lag >= 0.95 * sums.longest_lag or sigma > max(0.5 * lag, 0.1 * sums.longest_lag):
         return _no_lag(f"{lag:.0f} s are found with a sigma of {sigma:.0f} s")
     return lag, sigma, None
@@ -217,9 +213,8 @@ def _apart(sums, solved) -> bool:
     return bool(np.hypot(*shift) > max(2 * _LEAST_STEP, half_a_degree))
 
 
-def _say_step(sums, step) -> str:
+def _jumps(before: str, after: str) -> str:
     """The warning about a jump."""
-    before, after = sums.maps.picture[sums.rows[step - 1]], sums.maps.picture[sums.rows[step]]
     return (
         f"the picture as a whole jumps between {before} and {after}, beyond what temperature "
         "explains: the tripod or the camera was moved; the jump was fitted and left out of the "

@@ -12,6 +12,7 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
+from scipy.stats import siegelslopes
 
 from corridor.core.brief import brief
 from corridor.core.errors import InputError
@@ -21,6 +22,7 @@ from corridor.tools.thermal.matching import Matcher, fault
 from corridor.tools.thermal.series import Series, another_size, read_series
 
 LEAST_SPAN_C = 1.0  # of temperatures, for a thermal model
+_HOTTEST_C = 85.0  # of the industrial range of electronics
 _UNEVEN = 1.8  # of the steps of a grid, x to y: `matching.grid` stays below 1.3 up to 12 : 1
 # A picture that grows otherwise than its temperature says: shares of what all grow, and times what
 # the others miss by (Iglewicz and Hoaglin 1993). Optics that lag are off by a fifth in each picture
@@ -246,6 +248,12 @@ def _of_temperatures(series) -> list[str]:
             f"series.csv: {(~known).sum()} of {len(known)} pictures have no temperature_c, the "
             f"first of them {first}: a thermal model does without them"
         )
+    hottest = float(series.temperature_c[known].max())
+    if hottest > _HOTTEST_C:
+        notes.append(
+            f"series.csv: the temperatures reach {hottest:.1f} C, and electronics endure "
+            f"{_HOTTEST_C:g} C: are they degrees Fahrenheit?"
+        )
     span = np.ptp(series.temperature_c[known])
     if span < LEAST_SPAN_C:
         notes.append(
@@ -275,7 +283,8 @@ def _unlike_their_temperature(series, nodes, shift, valid) -> list[str]:
     part = valid[use][..., None] * np.nan_to_num(shift[use])
     grown = np.sum(part * arm, axis=(1, 2)) / np.sum(valid[use][..., None] * arm**2, axis=(1, 2))
     warm = series.temperature_c[use]
-    slope, start = _line_of_most(warm, grown)
+    # Half of the points may be off (Siegel 1982).
+    slope, start = siegelslopes(grown, warm) if np.ptp(warm) > 0 else (0.0, np.median(grown))
     off = grown - (start + slope * warm)
     most = max(_UNLIKE * abs(slope) * np.ptp(warm), _UNLIKE_SPREADS * robust_scale(off))
     slips = np.abs(off) > most
@@ -287,20 +296,6 @@ def _unlike_their_temperature(series, nodes, shift, valid) -> list[str]:
         "series.csv those of one moment?"
         for k, row in zip(np.flatnonzero(slips), np.flatnonzero(use)[slips], strict=True)
     ]
-
-
-def _line_of_most(x, y):
-    """Slope and start of the line from which half of the points are least off (Rousseeuw 1984),
-    among those through two of them."""
-    some = np.unique(np.linspace(0, len(x) - 1, min(len(x), 60)).astype(int))
-    one, two = (some[part] for part in np.triu_indices(len(some), 1))
-    one, two = one[x[one] != x[two]], two[x[one] != x[two]]
-    if not len(one):
-        return 0.0, float(np.median(y))
-    slope = (y[two] - y[one]) / (x[two] - x[one])
-    start = y[one] - slope * x[one]
-    best = np.argmin(np.median(np.abs(y - start[:, None] - slope[:, None] * x), axis=1))
-    return slope[best], start[best]
 
 
 def _reference(series) -> tuple[Matcher, list[str]]:

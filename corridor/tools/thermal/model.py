@@ -182,31 +182,23 @@ class ThermalModel:
     def to_dict(self) -> dict:
         """The content of MODEL.json."""
 
-        def plain(array):
-            return None if array is None else np.asarray(array).tolist()
+        def these(*names):
+            values = ((name, getattr(self, name)) for name in names)
+            listed = tuple | np.ndarray
+            return {n: np.array(v).tolist() if isinstance(v, listed) else v for n, v in values}
 
         return {
-            "kind": self.kind,
-            "width": self.width,
-            "height": self.height,
-            "t0_c": self.t0_c,
-            "range_c": list(self.range_c),
+            **these("kind", "width", "height", "t0_c", "range_c"),
             "normalisation": {
                 "x0": self.middle[0],
                 "y0": self.middle[1],
                 "scale_px": self.scale_px,
                 "scale_c": self.scale_c,
             },
-            "coefficients": {"dx": plain(self.dx), "dy": plain(self.dy)},
-            "residual_px": self.residual_px,
-            "misfit_px": self.misfit_px,
-            "lag_s": self.lag_s,
-            "lag_sigma_s": self.lag_sigma_s,
-            "warnings": list(self.warnings),
+            "coefficients": these("dx", "dy"),
+            **these(*_NUMBERS, "warnings"),
             **self.extra,
-            "terms": plain(self.terms),
-            "covariance": plain(self.covariance),
-            "beyond_px_c": plain(self.beyond_px_c),
+            **these(*_ARRAYS),
         }
 
     def write(self, path: str | os.PathLike) -> None:

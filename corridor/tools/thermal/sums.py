@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial.polynomial import polyvander2d
 
-from corridor.core.errors import InputError, WorkFailed
+from corridor.core.errors import InputError, WorkFailed, some
 from corridor.tools.thermal import temperature
 from corridor.tools.thermal.maps import LEAST_SPAN_C, Maps
 from corridor.tools.thermal.shapes import terms_of
@@ -74,9 +74,8 @@ def _usable(maps: Maps) -> tuple[np.ndarray, list[str]]:
     seen = maps.valid.any(axis=1)
     unknown = seen & ~np.isfinite(warm)
     if unknown.any():
-        names = [str(name) for name in maps.picture[unknown]]
-        some = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
-        notes.append(f"{len(names)} pictures without temperature are left out ({some})")
+        names = some(maps.picture[unknown], 3)
+        notes.append(f"{unknown.sum()} pictures without temperature are left out ({names})")
     use = seen & np.isfinite(warm)
     if np.count_nonzero(maps.reference) == 1:
         # Against itself a picture says nothing.

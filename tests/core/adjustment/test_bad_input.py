@@ -195,13 +195,22 @@ class TestSingularDatum:
         """A level camera on one heading moves its antenna as a shift of the block does."""
         block = flown(noise=False, images=12, turned=False, attitude_jitter_deg=0.0)
         refused(block, "Position along x, position along y and height", "with free lever arms",
-                "hold lever arms", control=[])  # fmt: skip
+                "hold lever arms", control=[], lever_arm="free")  # fmt: skip
 
     def test_free_lever_arms_of_a_level_camera_leave_the_height(self):
         """Turning round at the end of the strip parts x and y from the shift, z not."""
         block = flown(noise=False, images=12, attitude_jitter_deg=0.0)
-        sentence = refused(block, "Height", "with free lever arms", control=[])
+        sentence = refused(block, "Height", "with free lever arms", control=[], lever_arm="free")
         assert "position along" not in sentence.lower()
+
+    def test_lever_arms_that_nobody_asked_to_be_free_are_held_there(self):
+        """As on a head of five cameras that flies level; the stated arm is the true one."""
+        block = flown(noise=False, images=12, attitude_jitter_deg=0.0)
+        adjusted = corridor.adjust(block, control=[])
+        assert not adjusted.problem.arms_free
+        assert any(
+            "place of the block" in note and "--lever-arm" in note for note in adjusted.notes
+        )
 
     @pytest.mark.parametrize("effect", ["gnss_bias", "gnss_bias@flight"])
     def test_a_gnss_bias_without_control(self, block, effect):

@@ -214,7 +214,9 @@ def test_a_word_may_give_values_of_single_groups(word, values):
     assert parse_word(word)[1] == values
 
 
-@pytest.mark.parametrize("word", ["lag:lag.=1", "lag:.2=1", "lag:lag=1,lag.2=2", "lag:lag"])
+@pytest.mark.parametrize(
+    "word", ["lag:lag.=1", "lag:.2=1", "lag:lag=1,lag.2=2", "lag:lag", "x:a=1,a=2", "x:a.F=1,a.F=2"]
+)
 def test_a_word_that_gives_none_is_refused(word):
     with pytest.raises(ValueError):
         parse_word(word)

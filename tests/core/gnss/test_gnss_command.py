@@ -233,13 +233,24 @@ class TestOtherFrames:
         assert np.abs(found.gnss[["x", "y"]].to_numpy() - wanted[:, :2]).max() < 0.04
         assert "EPSG:2154 minus 916000, 6533000, 0" in found.frame
 
-    def test_degrees_keep_a_tenth_of_a_millimetre(self, made, tmp_path):
+    @pytest.mark.parametrize("crs", ["EPSG:4979", "EPSG:4326", "EPSG:4258"])
+    def test_degrees_keep_a_tenth_of_a_millimetre(self, made, tmp_path, crs):
         about, track, exposures, truth = made
-        found = gnss.antenna(track, exposures, crs="EPSG:4979")
+        found = gnss.antenna(track, exposures, crs=crs)
         found.save(tmp_path / "degrees.csv")
         table = pd.read_csv(tmp_path / "degrees.csv")
         back = about.from_geographic(table[["x", "y", "z"]].to_numpy())
         assert np.abs(back - about.from_geographic(found.gnss[["x", "y", "z"]])).max() < 1e-4
+
+    @pytest.mark.parametrize(
+        ("crs", "said"),
+        [("EPSG:2263", "counts in US survey foot"), ("EPSG:4978", "not in metres of a grid"),
+         ("EPSG:32759", "lie outside the area of use .* latitude 45.85, longitude 5.7")],
+    )  # fmt: skip
+    def test_a_system_that_is_not_of_the_place_is_refused(self, made, crs, said):
+        _, track, exposures, _ = made
+        with pytest.raises(InputError, match=said):
+            gnss.antenna(track, exposures, crs=crs)
 
     def test_block_toml_says_crs_and_offset(self, tmp_path):
         assert gnss.frame_of_block(tmp_path)[0] is None

@@ -73,6 +73,18 @@ def test_the_day_may_differ():
     assert align(flown, images([5.0, 6.0], day="2024-06-25")).offset_s == 86400.0
 
 
+@pytest.mark.parametrize(("above", "told"), [(11.6, True), (-47.0, True), (0.3, False)])
+def test_heights_of_the_images_above_another_surface_are_told(above, told):
+    """A track above the geoid, marks above the ellipsoid; 0.3 m are those of an antenna."""
+    at = 30010.0 + 5 * np.arange(8)
+    exposures = images(at, x=10 * (at - 30000.0) / EAST, y=0.0, z=above, sx=0.01, sy=0.01, sz=0.02)
+    flown = track()
+    flown.table[["sx", "sy", "sz"]] = 0.01, 0.01, 0.02
+    notes = align(flown, replace(exposures, crs="EPSG:4979")).notes
+    word = f"are {abs(above):.1f} m {'above' if above > 0 else 'below'} those of flight.pos"
+    assert [word in note for note in notes] == [True] * told
+
+
 @pytest.mark.parametrize("which", ["track", "images"])
 def test_an_unknown_system_is_refused_unless_it_is_stated(which):
     flown = track(system=None if which == "track" else "GPST")

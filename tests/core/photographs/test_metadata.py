@@ -50,6 +50,12 @@ def test_djis_speed_is_north_east_down_and_ours_east_north_up(tmp_path):
     assert found.velocity_of.startswith("FlightXSpeed")
 
 
+def test_text_ends_at_its_first_zero(tmp_path):
+    """Some cameras leave in the tag what an earlier, longer text had."""
+    found = read_metadata(saved(tmp_path / "a.jpg", tags={272: "FC6310\0\0old"}))
+    assert found.model == "FC6310"
+
+
 def test_one_speed_of_three_is_no_velocity(tmp_path):
     found = read_metadata(saved(tmp_path / "a.jpg", xmp='a:FlightXSpeed="+6.70"'))
     assert found.velocity is None

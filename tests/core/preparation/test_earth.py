@@ -52,7 +52,10 @@ def test_a_short_block_in_a_grid_is_not_bothered(grid):
      ((5_429_000.0, 467_312.0), "EPSG:25832", False),
      ((-69.0, 16.0), "EPSG:25832", False), ((8.5, 49.0), "EPSG:4326", True),
      ((49.0, 208.5), "EPSG:4326", False), ((32_467_312.0, 5_429_000.0), "EPSG:25832", False),
-     ((-69.0, 16.0), "EPSG:32632", False)],
+     ((-69.0, 16.0), "EPSG:32632", False),
+     # Passau in zone 32, Bergen in zone 33: official systems of Bavaria and of Norway.
+     ((823_000.0, 5_390_000.0), "EPSG:25832", True),
+     ((-32_000.0, 6_730_000.0), "EPSG:25833", True)],
 )  # fmt: skip
 def test_areas_of_use(place, crs, inside):
     assert (outside_area(np.array([[*place, 100.0]]), crs) == "") is inside

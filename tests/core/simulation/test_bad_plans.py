@@ -101,6 +101,22 @@ WRONG = {
     "an axis that stands still": ("axis_m = [[0, 0], [0, 0]]\n" + FLIGHT, "a position twice"),
     "an axis in space": ("axis_m = [[0, 0, 0], [0, 9, 0]]\n" + FLIGHT, "3 values, 2 are needed"),
     "a bend without a radius": ("bend_radius_m = 0\n" + FLIGHT, "is not greater than 0"),
+    "an axis in degrees": (
+        "axis_m = [[8.55, 49.01], [8.56, 49.012]]\n" + FLIGHT,
+        "axis_m is in metres, not in degrees or kilometres",
+    ),
+    "a readout in milliseconds": (
+        "[camera.own]\nwidth = 4000\nheight = 3000\nf = 3000\nreadout_s = 25\n"
+        + FLIGHT
+        + 'camera = "own"',
+        "readout_s = 25 is longer than any shutter: it is in seconds, 25 ms are 0.025",
+    ),
+    "a pixel in millimetres": (
+        "[camera.own]\nwidth = 4000\nheight = 3000\nf = 3000\npixel_um = 0.0033\n"
+        + FLIGHT
+        + 'camera = "own"',
+        "smaller than the waves of light: it is in micrometres, 0.0033 mm are 3.3",
+    ),
     # --- what is misspelled
     "a key": (FLIGHT + "forwrad = 0.8", "no key 'forwrad' (did you mean forward?)"),
     "a key of the plan": ("axsi_m = 3\n" + FLIGHT, "no key 'axsi_m' (did you mean axis_m?)"),
@@ -226,7 +242,7 @@ def test_a_file_that_is_not_there_is_refused(tmp_path):
 def test_a_file_that_is_not_text_is_refused(tmp_path):
     path = tmp_path / "plan.toml"
     path.write_bytes(b"\xff\xfe\x00")
-    assert "is not valid TOML" in refused(path)
+    assert "is not UTF-8" in refused(path)
 
 
 @pytest.mark.parametrize("name", ["thesis_50v", "thesis_50vt+thesis_50v", "thesis-50vt"])

@@ -118,6 +118,11 @@ class TestClaims:
         text = str(certify(tmp_path / "green", "asprs"))
         assert "VVA, vegetated" in text and "stated, not judged" in text
 
+    def test_where_all_points_are_in_vegetation_the_others_get_no_class(self, block, tmp_path):
+        block.with_(ground=block.ground.assign(vegetated="1")).write(tmp_path / "reeds")
+        text = str(certify(tmp_path / "reeds", "asprs"))
+        assert "no class: fewer than 30 points" in text
+
 
 class TestSameBytes:
     def test_a_certificate_is_verified(self, made, folder, tmp_path):

@@ -70,6 +70,18 @@ class TestCoordinates:
         (one,) = self.dates({name: (0.0, 0.2, 0.0) for name in names}).objections()
         assert "8 of 11 ground points" in one.what and "(+0.000, +0.200, +0.000) m" in one.what
 
+    def test_a_base_2_cm_beside_is_told_by_all_points_where_none_tells_it_alone(self):
+        """Each lies 2.8 sigmas away; their median 7. That a third of them sinks is no datum."""
+        names = [f"C{k}" for k in range(6)] + [f"K{k}" for k in range(5)]
+        draw = np.random.default_rng(5)
+        noise = draw.normal(0, 1, (11, 3)) * [0.005, 0.005, 0.008]
+        surveyed = noise + [0.0, 0.02, 0.0]
+        (one,) = self.dates(dict(zip(names, surveyed, strict=True))).objections()
+        assert "11 of 11 ground points" in one.what and "more" not in one.what
+        sunk = noise - np.outer(np.arange(11) < 4, [0.0, 0.0, 0.07])
+        found = self.dates(dict(zip(names, sunk, strict=True)))
+        assert not found.two_datums and found.differ.sum() == 4
+
     def test_heights_of_another_system_are_refused_as_such(self):
         names = [f"C{k}" for k in range(6)] + [f"K{k}" for k in range(5)]
         found = self.dates(dict.fromkeys(names, (0.0, 0.0, 30.0)))

@@ -2,6 +2,7 @@
 
 import base64
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -10,11 +11,18 @@ from PIL import Image
 
 import corridor
 from corridor.core.errors import InputError
-from corridor.core.gnss import Local
+from corridor.core.gnss import Exposures, Local
+from corridor.core.photographs import photographs_in, read_metadata
 from corridor.interface import cli
 from corridor.tools.formats import add_ground, export_project, read_photograph, read_project
 from corridor.tools.formats.ground import crs_of_line, in_frame, read_gcp_list
-from corridor.tools.formats.placing import Track, add_photographs, add_track, gyro_rates
+from corridor.tools.formats.placing import (
+    Track,
+    _with_positions,
+    add_photographs,
+    add_track,
+    gyro_rates,
+)
 
 from .conftest import exact_block
 
@@ -119,6 +127,32 @@ def test_photographs_place_a_free_model_and_tell_times_and_temperatures(flown):
     assert (made.gnss["sx"] == 3.0).all()
     # Published for all rows: 25 ms of 3000 rows is 24.99 ms from first to last.
     assert made.cameras["1"].readout_s == pytest.approx(0.025 * 2999 / 3000)
+
+
+@pytest.mark.parametrize("lost", ["N", "E"])
+def test_positions_that_are_mirrored_are_told(flown, lost):
+    """The sign of a half of the Earth lost: a flat flight fits upside down."""
+    home, _ = flown
+    positions = {k: read_metadata(path) for k, path in enumerate(photographs_in(home / "photos"))}
+    change = {"N": "lat_deg", "E": "lon_deg"}[lost]
+    mirrored = {
+        k: replace(photo, **{change: -getattr(photo, change)}) for k, photo in positions.items()
+    }
+    for photos, said in ((positions, 0), (mirrored, 1)):
+        made = _with_positions(read_project(home / "model"), photos, None)
+        assert sum("the positions are mirrored" in told for told in made.warnings) == said
+
+
+def test_marks_without_a_place_have_a_time_only(flown):
+    home, _ = flown
+    project = read_project(home / "model")
+    photos = {k: read_metadata(path) for k, path in enumerate(photographs_in(home / "photos"))}
+    table = pd.DataFrame({"image": project.block.images["image"], "time_s": 1.0})
+    table[["x", "y", "z"]] = [[photos[k].lon_deg, photos[k].lat_deg, photos[k].height]
+                              for k in range(len(table))]  # fmt: skip
+    table.loc[5, ["x", "y", "z"]] = np.nan
+    exposures = Exposures(table, "2024-06-24", "GPST", "EPSG:4979", home / "a.MRK")
+    assert len(_with_positions(project, photos, exposures).block.gnss) == len(table) - 1
 
 
 def test_what_is_added_makes_a_new_project_and_leaves_the_old_as_it_was(flown, tmp_path):

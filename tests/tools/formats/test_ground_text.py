@@ -104,8 +104,9 @@ WRONG = {
     "a zone before the easting": (
         ("", ("{p}", "32{e:.4f}", "{n:.4f}", "{h:.4f}")), UTM, "number of the zone",
     ),
-    "another zone": (("", PENZ), "EPSG:25835", "m horizontally|outside the area"),
+    "another zone": (("", PENZ), "EPSG:25835", "those of EPSG:25832: write that in"),
     "unknown words": (("name,alpha,beta,gamma", PENZ), UTM, "does not name the coordinates"),
+    "another half of the Earth": (("", PENZ), "EPSG:32732", "those of EPSG:25832: write that in"),
     "no height": (("name,easting,northing", PENZ[:3]), UTM, "does not name the coordinates"),
     "two eastings": (("name,x,easting,z", PENZ), UTM, "two columns"),
     "a system in each row": (("", ("EPSG:25832", *PENZ)), UTM, "write it once"),
@@ -123,6 +124,114 @@ def test_what_cannot_be_meant_is_refused_with_its_remedy(tmp_path, form, crs, sa
     path.write_text(as_text(names, places, form), encoding="utf-8")
     with pytest.raises(InputError, match=said):
         add_ground(project, path, crs=crs)
+
+
+def angle(degrees, halves, form):
+    """An angle as tables have it: 49 00 43.2 N, 49°00'43.2"N, N 49.012."""
+    whole = int(abs(degrees) * 3600e6 + 0.5) / 1e6
+    minutes, seconds = divmod(whole, 60)
+    half = halves[int(degrees < 0)]
+    d, m = divmod(int(minutes), 60)
+    return form.format(
+        half=half, sign="-" * int(degrees < 0), d=d, m=m, s=seconds, size=abs(degrees)
+    )
+
+
+@pytest.mark.parametrize("place", [PLACE, Local(-43.53, 172.62, 0.0), Local(-0.01, -0.02, 0.0)])
+@pytest.mark.parametrize(
+    "form",
+    ["{d}°{m:02d}'{s:09.6f}\"{half}", "{sign}{d} {m:02d} {s:09.6f}", "{half} {size:.10f}",
+     "{size:.10f}° {half}", "{d}:{m:02d}:{s:.6f} {half}"],
+)  # fmt: skip
+def test_angles_of_every_form_and_half_of_the_earth_are_read(tmp_path, place, form):
+    xyz = placed().block.ground[["x", "y", "z"]].to_numpy(float)
+    lines = ["name;lat;lon;h"]
+    for k, (lon, lat, h) in enumerate(place.to_geographic(xyz)):
+        lines.append(f"A{k};{angle(lat, 'NS', form)};{angle(lon, 'EW', form)};{h:.4f}")
+    path = tmp_path / "points.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    back = place.from_geographic(read_text(path).table[["x", "y", "z"]].to_numpy(float))
+    assert np.abs(back - xyz).max() < 2e-4
+
+
+def test_an_angle_of_the_other_axis_is_refused(tmp_path):
+    path = tmp_path / "points.csv"
+    path.write_text("name,lat,lon,h\nA,8.5 E,49.1 N,100\n")
+    with pytest.raises(InputError, match=r"line 2: '49.1 N' stands in the column lon"):
+        read_text(path)
+
+
+@pytest.mark.parametrize(
+    ("head", "row"),
+    [("Name,Easting,Northing,Elevation,Longitude,Latitude,Ellipsoidal height",
+      "A,467000.1,5428000.2,112.3,8.55,49.01,160.2"),
+     ("name,longitude,latitude,height,easting,northing,elevation",
+      "A,8.55,49.01,160.2,467000.1,5428000.2,112.3"),
+     ("name,lon,lat,Orthometric height,Ellipsoidal height", "A,8.55,49.01,112.3,160.2")],
+    ids=["Emlid Flow", "ReachView", "two heights"],
+)  # fmt: skip
+def test_of_a_table_in_two_systems_one_is_read(tmp_path, head, row):
+    """Heights above the ellipsoid are those that belong to latitude and longitude."""
+    path = tmp_path / "points.csv"
+    path.write_text(f"{head}\n{row}\n")
+    found = read_text(path)
+    assert found.table[["x", "y", "z"]].iloc[0].tolist() == [8.55, 49.01, 160.2]
+    assert found.crs == "EPSG:4979"
+    assert any("latitude and longitude were read" in n for n in found.notes) == ("asting" in head)
+
+
+@pytest.mark.parametrize(
+    ("head", "row", "sigmas"),
+    [("name,E,N,H,sde (mm),sdn (mm),sdu [mm]", "8,9,15", [0.008, 0.009, 0.015]),
+     ("name,E,N,H,Accuracy XY (cm),Accuracy Z (mm)", "1.2,20", [0.012, 0.012, 0.02]),
+     ("name,E,N,H,Accuracy (mm)", "20", [0.02, 0.02, 0.02]),
+     ("name,E,N,H,H. Prec,V. Prec", "0.01,0.02", [0.01, 0.01, 0.02]),
+     ("name,E,N,H,Lateral RMS,Elevation RMS", "0.01,0.02", [0.01, 0.01, 0.02])],
+)  # fmt: skip
+def test_standard_deviations_become_metres(tmp_path, head, row, sigmas):
+    path = tmp_path / "points.csv"
+    path.write_text(f"{head}\nA,467000.1,5428000.2,112.3,{row}\n")
+    assert read_text(path).table[["sx", "sy", "sz"]].iloc[0].tolist() == pytest.approx(sigmas)
+
+
+def test_titles_stand_before_a_header_and_remarks_are_named_with_their_line(tmp_path):
+    path = tmp_path / "points.csv"
+    text = "Project: Bridge 12\nSurveyor; J. Doe\n\nPoint,Easting,Northing,Height\n"
+    text += "A,467000.1,5428000.2,112.3\nB,467000.1,5428000.2,113.3\n"
+    path.write_text(text)
+    assert read_text(path).table["z"].tolist() == [112.3, 113.3]
+    path.write_text(text + "Total: 2 points\n")
+    with pytest.raises(InputError, match="line 7: 1 cells where a name"):
+        read_text(path)
+    path.write_text(text + "C,,,\n")
+    with pytest.raises(InputError, match="line 7: 1 cells where a name"):
+        read_text(path)
+
+
+def test_the_sign_of_a_latitude_that_was_lost_is_named(tmp_path):
+    south = Local(-43.53, 172.62, 0.0)
+    project = Project("made", None, exact_block(k1=-0.05).select())
+    project.block.extra["local_frame"] = local_table(south)
+    ground = project.block.ground
+    path = tmp_path / "points.csv"
+    for signs, said in (([1, -1, 1], "sign of the latitude"), ([-1, 1, 1], "sign of the longit")):
+        places = south.to_geographic(ground[["x", "y", "z"]].to_numpy(float)) * signs
+        rows = [f"{n},{b:.9f},{a:.9f},{h:.3f}" for n, (a, b, h) in zip(ground["point"], places)]  # noqa: B905
+        path.write_text("\n".join(["name,lat,lon,h", *rows]))
+        with pytest.raises(InputError, match=said):
+            add_ground(project, path)
+
+
+def test_degrees_beyond_ninety_without_a_header_are_known(tmp_path):
+    east = Local(-43.53, 172.62, 0.0)
+    project = Project("made", None, exact_block(k1=-0.05).select())
+    project.block.extra["local_frame"] = local_table(east)
+    ground = project.block.ground
+    places = east.to_geographic(ground[["x", "y", "z"]].to_numpy(float))
+    rows = [f"{n},{b:.9f},{a:.9f},{h:.3f}" for n, (a, b, h) in zip(ground["point"], places)]  # noqa: B905
+    (tmp_path / "points.csv").write_text("\n".join(rows))
+    with pytest.raises(InputError, match="are latitude and longitude: name the columns"):
+        add_ground(project, tmp_path / "points.csv")
 
 
 @pytest.mark.parametrize("foot", [0.3048, 1200 / 3937], ids=["feet", "US survey feet"])
@@ -167,7 +276,12 @@ def test_points_whose_names_differ_in_case_and_blanks_are_those_of_the_marks(tmp
 
 @pytest.mark.parametrize(
     ("name", "text", "said"),
-    [("a.kml", "<kml/>", "a.kml is a map"), ("a.csv", "<!DOCTYPE html><html>", "page of the web"),
+    [("a.kml", "<kml/>", "a.kml is a map"), ("a.gsi", "*110001+A 81..10+1\n", "instrument"),
+     ("a.txt", "*110001+0000000000000A1 81..10+0000000001000000\n", "instrument"),
+     ("a.xml", "<?xml version='1.0'?><LandXML><CgPoints/></LandXML>", "instrument"),
+     ("a.json", '{"type": "FeatureCollection", "features": []}', "is a map"),
+     ("a.csv", "PK\3\4xl/workbook.xml", "is an Excel workbook"),
+     ("a.csv", "<!DOCTYPE html><html>", "page of the web"),
      ("a.xlsx", "PK", "Excel"), ("a.geojson", "{}", "is a map"),
      ("a.csv", "point,x,y,z,role\nA,1,2,3,\nB,1,2,3,maybe\n", "a.csv, line 3: role 'maybe'"),
      ("a.csv", "point,x,y,z\nA,1,2,3\nB,1,2,3\nA,1,2,4\n", "twice, as point 1 and 3"),

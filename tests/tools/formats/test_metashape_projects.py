@@ -212,6 +212,16 @@ def test_disabled_cameras_are_left_out_and_told(exported, tmp_path):
     assert any("disabled cameras were left out" in note for note in project.notes)
 
 
+def test_of_chunks_of_which_none_is_active_the_one_with_cameras_is_read(exported, tmp_path):
+    folder, block = exported
+    root, chunk = _merged(folder)
+    root.insert(0, ElementTree.fromstring('<chunk label="empty"><sensors/><cameras/></chunk>'))
+    chunk.set("label", "full")
+    project = read_project(_written(root, tmp_path / "cameras.xml"))
+    assert len(project.block.images) == len(block.images)
+    assert any("2 chunks; that of the most cameras, full, was read" in n for n in project.notes)
+
+
 def _bar(bars, ends, enabled="true", what="marker_id", **reference):
     bar = ElementTree.SubElement(bars, "scalebar", id=str(len(bars)), label="as a person likes")
     for end in ends:

@@ -16,12 +16,13 @@ from corridor.core.errors import InputError
 from corridor.core.gnss import (
     Exposures,
     Local,
+    metric,
     read_exposures,
 )
 from corridor.core.photographs import photographs_in
 from corridor.core.preparation import plausibility_warnings
 from corridor.tools.formats import export_project, prove, read_project
-from corridor.tools.formats.frames import local_table, metric
+from corridor.tools.formats.frames import local_table
 from corridor.tools.formats.ground import crs_of_line, in_frame
 from corridor.tools.formats.placing import add_photographs, on_one_clock
 

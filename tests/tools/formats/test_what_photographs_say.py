@@ -15,6 +15,7 @@ from corridor.tools.formats.importing import Imported, _with_tie_sigma
 from corridor.tools.formats.joining import places_apart
 from corridor.tools.formats.placing import (
     _positions_of,
+    _put,
     _turned_by_a_quarter,
     _with_flights,
     with_motion,
@@ -170,6 +171,15 @@ def test_positions_that_are_no_fix_are_named_and_not_believed(flag, least, word)
     table, _, (note,) = _positions_of({"a": replace(fix, flag=flag), "b": fix})
     assert table["sx"].tolist() == [least, 0.01]
     assert f"RtkFlag {flag}" in note and word in note and note.startswith("1 of 2")
+
+
+def test_positions_without_a_height_are_no_measurements():
+    with_height = replace(photo(lat_deg=47.0, lon_deg=8.0), height=400.0)
+    table, _, notes = _positions_of({"a": with_height, "b": replace(with_height, height=None)})
+    assert any("1 positions have no height" in note for note in notes)
+    block = replace(flown(), extra=NORTH)
+    made = _put(Project("made", None, block, placed=True), table, "photographs")
+    assert list(made.block.gnss["image"]) == ["a"]
 
 
 # --- velocities ---------------------------------------------------------------------------------

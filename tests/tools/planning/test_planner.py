@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from small_plans import LOW_HIGH, NADIR, OBLIQUE, plan_of, quickest
+from small_plans import LOW_HIGH, NADIR, OBLIQUE, SIGMAS, plan_of, quickest
 
 import corridor
 from corridor.core.adjustment import Model
 from corridor.core.errors import InputError
+from corridor.core.simulation import Ground
 from corridor.tools.planning import GnssNoise, Planner, Surveyed
 from corridor.tools.planning.detection import detectable
 from corridor.tools.planning.planner import Believed
@@ -60,6 +61,17 @@ class TestAgainstTheAdjustment:
             assert row.height_arm_std == pytest.approx(arm["std"], abs=1e-3)
             both = pairs["camera.camlight.f", f"lever_arm.{row.flight}.z"]
             assert row.arm_f == pytest.approx(abs(both["mean"]), abs=1e-3)
+
+    def test_bars_hold_the_scale_as_in_the_adjustment(self):
+        ground, noise = Ground(bars=4), replace(SIGMAS, distance_m=0.0005)
+        planner = Planner(plan_of(NADIR, OBLIQUE, ground=ground, noise=noise))
+        expected = planner.expect(1)
+        sigma, _ = direct(planner, expected)
+        assert believed(expected) == pytest.approx(sigma, rel=1e-3)
+        assert len(planner.block.distances) == 4
+        assert not expected.parameters["parameter"].str.startswith("distance").any()
+        loose = Planner(plan_of(NADIR, OBLIQUE, ground=ground)).expect(1)
+        assert (believed(expected) < believed(loose)).all()
 
     def test_without_gnss_control_alone_holds_the_block(self):
         planner = Planner(plan_of(NADIR, OBLIQUE, gnss=False))

@@ -139,3 +139,9 @@ class TestWhatCannotBeMeasured:
     def test_a_row_direction_across_the_stripes_is_wrong_input(self):
         with pytest.raises(InputError, match="stripes"):
             measure_led(photo(900.0), 900.0, row_direction="left")
+
+
+@pytest.mark.parametrize(("typed", "word"), [(1.0, "longer"), (1e6, "shorter")])
+def test_a_frequency_in_kilohertz_or_millihertz_is_refused(typed, word):
+    with pytest.raises(InputError, match=f"{word} than that of any camera; give .* in Hz"):
+        measure_led(photo(1000.0), typed)

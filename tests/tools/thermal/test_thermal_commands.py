@@ -257,7 +257,11 @@ class TestMap:
 
     @pytest.mark.parametrize(
         ("warm", "words"),
-        [("31.5", "the temperatures span 0.0 C"), ("", "no picture has a temperature_c")],
+        [
+            ("31.5", "the temperatures span 0.0 C"),
+            ("", "no picture has a temperature_c"),
+            ("88.7", "the temperatures reach 88.7 C, and electronics endure 85 C"),
+        ],
     )
     def test_one_temperature_of_all_pictures_or_none_is_told(
         self, small, tmp_path, capsys, warm, words

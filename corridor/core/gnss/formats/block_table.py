@@ -14,7 +14,7 @@ from corridor.core.errors import InputError
 from corridor.core.gnss.exposures import Exposures
 from corridor.core.gnss.track import Track
 
-TITLE = "track.csv or images.csv of a block"
+TITLE = "track.csv (time_s, x, y, z) or images.csv (image, time_s) of a block"
 
 _TRACK = LAYOUTS["track"]
 _EXPOSURES = Layout(("image", "time_s"), optional=("x", "y", "z", "flight"), empty=("time_s",))

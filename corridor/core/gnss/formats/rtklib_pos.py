@@ -73,7 +73,9 @@ def read(path: Path) -> Track:
     if header is None:
         raise InputError(
             f"{path.name}, row 1: the header is missing, so time system and kind of coordinates "
-            "are unknown; write the file again with RTKLIB's output option Header on"
+            "are unknown; write the file again with RTKLIB's output option Header on, or put the "
+            "header line of such a file (% GPST latitude(deg) longitude(deg) height(m) Q ns ...) "
+            "before the first row"
         )
     found = _COLUMNS.match(header)
     assert found is not None  # as `recognise` found
@@ -97,6 +99,11 @@ def read(path: Path) -> Track:
             notes.append(
                 f"{path.name} has no ref pos: its east, north, up have no place in the world"
             )
+    if any(re.search(r"height=\S+/geodetic", line) for line in lines if line.startswith("%")):
+        notes.append(
+            f"{path.name}: its heights are above the geoid, as its header says, and stay so; for "
+            "heights above the ellipsoid write it again with RTKLIB's output option Ellipsoidal"
+        )
     if "quality" in table and (table["quality"] == 5).all():
         notes.append(f"{path.name}: all epochs are single positions, good to metres only")
     # The day is that of the first row of the file, which may be the last of the flight.

@@ -20,7 +20,7 @@ and velocities, and what was wrong with the time stamps.
 import argparse
 from pathlib import Path
 
-from corridor.core.command.options import effect, option, warn, wrote
+from corridor.core.command.options import effect, given_once, option, warn, wrote
 
 MARK = "block.toml"
 OPTIONS = {
@@ -62,7 +62,7 @@ def run(options: argparse.Namespace) -> None:
     if options.model is not None:
         _by_model(block, options)
         return
-    values = dict(options.effect)
+    values = given_once(options.effect)
     corrected = corridor.correct(
         block, values, source=options.source, velocity=options.velocity, turning=options.turning
     )

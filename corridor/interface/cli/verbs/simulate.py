@@ -49,7 +49,7 @@ that the residuals show.
 import argparse
 from pathlib import Path
 
-from corridor.core.command.options import Bars, effect, flag, option, wrote
+from corridor.core.command.options import Bars, effect, flag, given_once, option, wrote
 
 MARK = "block.toml"
 OPTIONS = {
@@ -87,10 +87,7 @@ def run(options: argparse.Namespace) -> None:
         _show(options)
         return
     believed = [slug for slug, values in options.effect if values is None]
-    added: dict[str, dict] = {}
-    for slug, values in options.effect:
-        if values is not None:
-            added.setdefault(slug, {}).update(values)
+    added = given_once((slug, values) for slug, values in options.effect if values is not None)
     _check(options, believed)
     from corridor.core.output import telling
 

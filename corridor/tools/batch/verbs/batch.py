@@ -33,6 +33,7 @@ from corridor.core.command.options import (
     kinds,
     number,
     option,
+    picked,
     wrote,
 )
 from corridor.core.errors import WorkFailed
@@ -100,12 +101,9 @@ def run(options: argparse.Namespace) -> None:
                 options.verb,
                 options.block,
                 options.output,
-                jobs=options.jobs,
-                cluster=options.cluster,
                 memory_gb=options.memory,
                 progress=progress,
-                required=options.required,
-                gis=options.gis,
+                **picked(options, "jobs cluster required gis"),
                 command=_command(options.block),
                 **keywords,
             )

@@ -36,10 +36,9 @@ _QUARTER, _APART = 0.2, 0.1
 def statement(subject: Subject) -> Statement:
     """What ASPRS 2023 lets one state of a block."""
     points = subject.checked
-    errors = Errors.of(points)
+    errors = Errors(points.difference, points.survey)
     area = _area(subject)
     needed = least_number(area)
-    doubts = _doubts(subject, points, errors)
     tables = [_accuracy(errors, points)]
     if len(points):
         tables += [_cover(points), _spread(subject, points, needed, area), points.listed()]
@@ -49,7 +48,7 @@ def statement(subject: Subject) -> Statement:
         pictures = [subject.picture("check_points", subject.adjustment, caption)]
     return Statement(
         _claim(subject, points, errors, needed),
-        doubts,
+        _doubts(subject, points, errors),
         [table for table in tables if table is not None],
         _untested(subject, points),
         {"check_points": len(points), **errors.figures},
@@ -78,11 +77,6 @@ class Errors:
             for column in difference.T
         ]
         self.largest = [float(np.abs(column).max(initial=0.0)) for column in difference.T]
-
-    @classmethod
-    def of(cls, points: CheckPoints) -> "Errors":
-        """Of all points."""
-        return cls(points.difference, points.survey)
 
     @property
     def figures(self) -> dict[str, float]:
@@ -161,11 +155,10 @@ def _cover(points: CheckPoints) -> Table | None:
     for name, wanted in (("NVA, not vegetated", False), ("VVA, vegetated", True)):
         mine = np.array([cover is wanted for cover in points.vegetated])
         part = Errors(points.difference[mine], points.survey[mine])
-        judged = "stated, not judged" if wanted else f"class {_class(part.v)}"
-        enough = int(mine.sum()) >= LEAST
-        said = judged if enough and mine.any() else f"no class: fewer than {LEAST} points"
-        rows.append((name, str(int(mine.sum())), _cm(part.v), "stated, not judged" if wanted
-                     else said))  # fmt: skip
+        enough = mine.sum() >= LEAST
+        said = f"class {_class(part.v)}" if enough else f"no class: fewer than {LEAST} points"
+        said = "stated, not judged" if wanted else said
+        rows.append((name, str(mine.sum()), _cm(part.v), said))
     notes = ("by the column `vegetated` of ground.csv; of measured points, not of a surface",)
     header = ("vertical accuracy", "points", "RMSE_V", "")
     return Table("Vegetation", header, tuple(rows), "lrrl", notes)

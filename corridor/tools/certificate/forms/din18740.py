@@ -35,7 +35,7 @@ def statement(subject: Subject) -> Statement:
         _opening(subject),
         adjusted.warnings,
         [table for table in tables if table is not None],
-        _untested(subject),
+        _UNTESTED,
         {
             "sigma0": float(adjusted.sigma0),
             "redundancy": int(adjusted.redundancy),
@@ -141,10 +141,9 @@ def _check(subject: Subject) -> Table | None:
                  ("adjusted minus given, mm; plan and 3D are lengths",))  # fmt: skip
 
 
-def _untested(subject: Subject) -> list[str]:
-    return [
-        "Conformity with DIN 18740: the standard's clauses on the flight (overlap, weather, image "
-        "quality) and the limits of the contract are not among what was computed.",
-        "Products (orthophoto, elevation model): only orientation and points were tested.",
-        "Correlations and reliability are in the form `full`.",
-    ]
+_UNTESTED = (
+    "Conformity with DIN 18740: the standard's clauses on the flight (overlap, weather, image "
+    "quality) and the limits of the contract are not among what was computed.",
+    "Products (orthophoto, elevation model): only orientation and points were tested.",
+    "Correlations and reliability are in the form `full`.",
+)

@@ -14,25 +14,16 @@ from corridor.tools.certificate.statement import MOST_LISTED, Statement, Subject
 TITLE = "Certificate of computed figures, full"
 # Correlations are shown of so many parameters; of more, the strong ones are listed by the report.
 _MOST_PARAMETERS = 14
+# Tables of the report that are taken over.
+_REPORTED = ("Variance components", "Effects", "Reliability", "Distances", "Points",
+             "Strong correlations")  # fmt: skip
 
 
 def statement(subject: Subject) -> Statement:
     """The figures of `din18740` and `asprs`, with correlations and reliability."""
     adjusted = subject.adjustment
     proof, accuracy = din18740.statement(subject), asprs.statement(subject)
-    others = [
-        table
-        for title, table in subject.reported.items()
-        if title
-        in (
-            "Variance components",
-            "Effects",
-            "Reliability",
-            "Distances",
-            "Points",
-            "Strong correlations",
-        )  # fmt: skip
-    ]
+    others = [table for title, table in subject.reported.items() if title in _REPORTED]
     tables = [*proof.tables[:-1], _correlations(subject), *others, _control(subject)]
     points = subject.checked
     if len(points):

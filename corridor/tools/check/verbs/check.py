@@ -26,7 +26,7 @@ import argparse
 import os
 from pathlib import Path
 
-from corridor.core.command.options import flag, option, say, wrote
+from corridor.core.command.options import flag, option, picked, say, wrote
 
 MARK = "check.state.json"
 OPTIONS = {
@@ -57,22 +57,15 @@ def run(options: argparse.Namespace) -> None:
     from corridor.tools.check import check_project
 
     announce_compilation("half a minute", "core")
-    added = {
-        key: getattr(options, key)
-        for key in ("photos", "track", "ground", "crs", "ground_crs")
-        if getattr(options, key) is not None
-    }
+    told = picked(options, "photos track ground crs ground_crs")
     try:
         checked = check_project(
             options.project,
             options.output,
-            form=options.form,
-            required=options.required,
-            added=added,
+            added={key: value for key, value in told.items() if value is not None},
             diagnose=not options.quick,
-            certificate=options.certificate,
-            threads=options.threads,
             progress=say,
+            **picked(options, "form required certificate threads"),
         )
     except KeyboardInterrupt:
         raise KeyboardInterrupt(

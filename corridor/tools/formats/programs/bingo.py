@@ -33,9 +33,9 @@ from scipy.spatial.transform import Rotation
 
 from corridor.core.camera import Camera
 from corridor.core.errors import InputError, did_you_mean
+from corridor.core.gnss import in_metres
 from corridor.core.textfile import Line
-from corridor.tools.formats.cameras import in_the_middle
-from corridor.tools.formats.frames import in_metres
+from corridor.tools.formats.cameras import FLIP, in_the_middle
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.project import Contents, Project, Views
 from corridor.tools.formats.textfile import filled, says_number
@@ -45,7 +45,6 @@ TITLE = "PATB or BINGO text with convention.toml"
 
 CONVENTION = "convention.toml"
 END = "-99"
-_FLIP = np.diag([1.0, -1.0, -1.0])
 # Keys of the two tables with their values; None: any text.
 _UNITS = {"mm": 1000.0, "um": 1.0, "px": None}
 _TURNS = {"deg": 1.0, "gon": 0.9, "rad": 180.0 / np.pi}
@@ -164,7 +163,7 @@ def _poses(path: Path, posed: dict) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         else:
             turned = values[3:].reshape(3, 3)
             turned = turned if posed["angles"].endswith("ground") else turned.T
-        found[words[0]] = values[:3], _FLIP @ turned.T
+        found[words[0]] = values[:3], FLIP @ turned.T
     if not found:
         raise InputError(f"{path.name} holds no pose; write image, x, y, z and angles a line")
     return found
@@ -200,11 +199,8 @@ def _views(path, measured, names, used, cameras, notes) -> Views | None:
 def _image_of(head: Line, known: Names) -> int | None:
     """The row of the image that a line begins; its camera or focal length may follow the name."""
     words = head.text.split()
-    for count in range(len(words), 0, -1):
-        row = known.row(" ".join(words[:count]))
-        if row is not None:
-            return row
-    return None
+    rows = (known.row(" ".join(words[:count])) for count in range(len(words), 0, -1))
+    return next((row for row in rows if row is not None), None)
 
 
 def image_blocks(path: Path) -> Iterator[tuple[Line, list[Line]]]:

@@ -18,7 +18,7 @@ import pandas as pd
 
 from corridor.core.block import Block
 from corridor.core.errors import InputError
-from corridor.tools.formats.cameras import Held, camera_from, in_the_middle, shared
+from corridor.tools.formats.cameras import FLIP, Held, camera_from, in_the_middle, shared
 from corridor.tools.formats.columns import (
     grouped,
     in_groups,
@@ -46,7 +46,6 @@ LOSSES = {
 HEADER = "# Bundle file v0.3"
 _FILE = ("*.out", "# Bundle file")
 _FOCAL = re.compile(r"\s+0\s+[0-9.eE+-]+\s*$")
-FLIP = np.diag([1.0, -1.0, -1.0])
 _FARTHEST = 200_000.0  # px from the middle: no picture is larger
 
 

@@ -13,14 +13,13 @@ import numpy as np
 
 from corridor.core.camera import MODELS
 from corridor.core.errors import InputError
-from corridor.tools.formats.cameras import NoModel, opencv_camera, shared
+from corridor.tools.formats.cameras import FLIP, NoModel, opencv_camera, shared
 from corridor.tools.formats.project import Contents, Project
 from corridor.tools.formats.textfile import Json, opening
 
 NAME = "nerfstudio"
 TITLE = "nerfstudio transforms.json, without image points"
 
-_FLIP = np.diag([1.0, -1.0, -1.0])
 _KEYS = ("w", "h", "fl_x", "fl_y", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2")
 _FISHEYE = "OPENCV_FISHEYE"
 _MODELS = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", _FISHEYE)
@@ -59,7 +58,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         images=names,
         used=used,
         centre=matrices[:, :3, 3],
-        rotation=_FLIP @ matrices[:, :3, :3].transpose(0, 2, 1),
+        rotation=FLIP @ matrices[:, :3, :3].transpose(0, 2, 1),
         notes=notes,
     ).project(NAME, file, placed=False)
 

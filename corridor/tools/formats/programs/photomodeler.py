@@ -9,6 +9,7 @@ Source: DBAT (Börlin and Grussenmeyer), documentation of its loadpm; PhotoModel
 """
 
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +17,18 @@ import numpy as np
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_angles
 from corridor.core.textfile import Line, lines
-from corridor.tools.formats.cameras import camera_from, from_image_formula, shared, turned_note
+from corridor.tools.formats.cameras import (
+    FLIP,
+    camera_from,
+    from_image_formula,
+    shared,
+    turned_note,
+)
 from corridor.tools.formats.project import Contents, Project, Views, ground_table
 from corridor.tools.formats.textfile import opening
 
 NAME = "photomodeler"
 TITLE = "PhotoModeler text export"
-
-_FLIP = np.diag([1.0, -1.0, -1.0])
 
 
 def recognise(path: Path) -> bool:
@@ -99,7 +104,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         images=[photo.name for photo in photos],
         used=used,
         centre=np.array([photo.centre for photo in photos]),
-        rotation=_FLIP @ turned.transpose(0, 2, 1),
+        rotation=FLIP @ turned.transpose(0, 2, 1),
         ties=Views.of(seen[False], "marks"),
         marks=Views.of(seen[True], "marks"),
         points=(list(known), np.array([values[:3] for values in known.values()])),
@@ -141,14 +146,8 @@ class _Photo:
 
 def _groups(file) -> list[list[Line]]:
     """Lines in groups between blank lines; the first photo stands after the head."""
-    groups, group = [], []
-    for line in lines(file):
-        if line.text.strip():
-            group.append(line)
-        elif group:
-            groups.append(group)
-            group = []
-    return [*groups, group] if group else groups
+    parts = groupby(lines(file), lambda line: bool(line.text.strip()))
+    return [list(group) for filled, group in parts if filled]
 
 
 def _photos(head_line, first, rest, common):

@@ -28,7 +28,7 @@ from corridor.core.geometry import (
 )
 from corridor.core.gnss import known_crs
 from corridor.core.textfile import Line
-from corridor.tools.formats.cameras import camera_from, in_the_middle, shared
+from corridor.tools.formats.cameras import FLIP, camera_from, in_the_middle, shared
 from corridor.tools.formats.names import Names, in_any_case
 from corridor.tools.formats.programs.bingo import image_blocks
 from corridor.tools.formats.project import (
@@ -45,7 +45,6 @@ TITLE = "Pix4D calibrated parameters and BINGO tie points"
 
 _MAIN = "calibrated_camera_parameters.txt"
 _EXTERNAL = "calibrated_external_camera_parameters.txt"
-_FLIP = np.diag([1.0, -1.0, -1.0])
 _SECONDARY = re.compile(r'(\d+)\s+".*"\s+(.*)')
 # Images of one exposure put the reference camera at one place, m.
 _SAME_M = 1e-3
@@ -294,7 +293,7 @@ def _compare(names, centre, rotation, path, warnings):
     turned = np.array([rotation_from_angles(*angles) for angles in pose[:, 3:]])
     quaternions = [
         quaternion_from_rotation(matrix)
-        for matrix in (_FLIP @ turned.transpose(0, 2, 1), rotation[rows])
+        for matrix in (FLIP @ turned.transpose(0, 2, 1), rotation[rows])
     ]
     near = np.abs(np.prod(quaternions, axis=0).sum(axis=1)).min()
     if away > 1e-3 or near < np.cos(1e-5):

@@ -21,7 +21,15 @@ it first, and export the result.
 
 import argparse
 
-from corridor.core.command.options import flag, option, say, valued_effect, wrote
+from corridor.core.command.options import (
+    flag,
+    given_once,
+    option,
+    picked,
+    say,
+    valued_effect,
+    wrote,
+)
 
 MARK = "exported_by_corridor.txt"
 OPTIONS = {
@@ -44,18 +52,13 @@ def run(options: argparse.Namespace) -> None:
     """Export, and say what the target holds and what not."""
     from corridor.tools import formats
 
-    effects: dict[str, dict] = {}
-    for slug, values in options.effect:
-        effects.setdefault(slug, {}).update(values)
     made = formats.export_project(
         options.block,
         options.form,
         options.output,
-        effects=effects,
-        corrected=options.corrected,
-        lossy=options.lossy,
-        to_crs=options.to_crs,
+        effects=given_once(options.effect),
         progress=say,
+        **picked(options, "corrected lossy to_crs"),
     )
     print(made)
     wrote(options.output)

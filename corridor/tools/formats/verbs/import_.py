@@ -30,7 +30,7 @@ import argparse
 import re
 from pathlib import Path
 
-from corridor.core.command.options import flag, option, say, whole, wrote
+from corridor.core.command.options import flag, option, picked, say, whole, wrote
 from corridor.core.errors import InputError
 
 
@@ -103,21 +103,11 @@ def run(options: argparse.Namespace) -> None:
         options.project,
         options.form,
         options.output,
-        photos=options.photos,
-        track=options.track,
-        ground=options.ground,
-        crs=options.crs,
-        ground_crs=options.ground_crs,
-        to_crs=options.to_crs,
         size=None if alone else options.size,
         long_side=options.size if alone else None,
-        share=options.share,
-        track_system=options.track_system,
-        attitudes=options.attitudes,
-        images_system=options.images_system,
-        table_form=options.table_form,
-        force=options.force,
         progress=say,
+        **picked(options, "photos track ground crs ground_crs to_crs share attitudes force"),
+        **picked(options, "track_system images_system table_form"),
     )
     print(made)
     page = made.save(room("figures").first_look(made.block))

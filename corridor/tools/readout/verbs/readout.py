@@ -37,6 +37,7 @@ from corridor.core.command.options import (
     kinds,
     number,
     option,
+    picked,
     say,
     whole,
     wrote,
@@ -191,12 +192,8 @@ def _measure(room, options):
             frequency_sigma_percent=options.speed_sigma,
             row_direction=options.row_direction,
         )
-    known = {
-        "speed_sigma_percent": options.speed_sigma,
-        "sense": options.sense,
-        "row_direction": options.row_direction,
-        "camera": options.camera,
-    }
+    known = picked(options, "sense row_direction camera")
+    known["speed_sigma_percent"] = options.speed_sigma
     photos = options.static, options.rotating
     if options.target == "star":
         known["sectors"] = options.sectors
@@ -204,9 +201,7 @@ def _measure(room, options):
     return room.readout_from_wheel(
         *photos,
         options.turns_per_second,
-        video=options.video,
-        video_fps=options.video_fps,
-        photo_time=options.photo_time,
+        **picked(options, "video video_fps photo_time"),
         **known,
     )
 

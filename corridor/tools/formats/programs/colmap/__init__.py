@@ -389,6 +389,6 @@ def _numbers(names: list[str]) -> np.ndarray:
 
 
 def _mean_errors(rows: Rows, ends: np.ndarray, by_point: np.ndarray) -> np.ndarray:
-    length = rows.residual_lengths()[by_point]
+    length = np.nan_to_num(np.linalg.norm(rows.residuals(), axis=1))[by_point]
     sums = np.concatenate([[0.0], np.cumsum(length)])
     return (sums[ends[1:]] - sums[ends[:-1]]) / np.maximum(np.diff(ends), 1)

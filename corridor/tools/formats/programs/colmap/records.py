@@ -28,7 +28,7 @@ from corridor.tools.formats.columns import (
     write_rows,
 )
 from corridor.tools.formats.names import in_any_case
-from corridor.tools.formats.programs.colmap.cameras import BY_NUMBER, MODELS
+from corridor.tools.formats.programs.colmap.cameras import BY_NUMBER
 from corridor.tools.formats.textfile import Following
 
 # Kind and name of each field. m, s: a word in text, a number (i) in binary; d: a float64.
@@ -46,8 +46,8 @@ FRAME = (("I", "FRAME_ID"), ("I", "RIG_ID"), *POSE, ("I", "NUM_DATA_IDS"))
 DATA = (*SENSOR, ("Q", "DATA_ID"))
 Layout = tuple[tuple[str, str], ...]
 
-_WORDS = {"m": {name: number for name, (number, _) in MODELS.items()}, "s": {"CAMERA": 0, "IMU": 1}}
 _NAMES = {"m": BY_NUMBER, "s": {0: "CAMERA", 1: "IMU"}}
+_WORDS = {kind: {name: k for k, name in names.items()} for kind, names in _NAMES.items()}
 _POINT2D = np.dtype([("x", "<f8"), ("y", "<f8"), ("point", "<u8")])
 _TRACK = np.dtype([("image", "<u4"), ("index", "<u4")])
 _NO_POINT = np.uint64(2**64 - 1)

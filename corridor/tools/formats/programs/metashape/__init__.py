@@ -26,6 +26,7 @@ from corridor.core.gnss import GEOCENTRIC, GEOGRAPHIC, Local, convert, known_crs
 from corridor.core.output import counted
 from corridor.core.textfile import Xml
 from corridor.tools.formats.cameras import (
+    FLIP,
     Held,
     NoModel,
     camera_from,
@@ -64,7 +65,6 @@ LOSSES = {
     "GNSS": "lever arms: the references are the camera centres that GNSS gives",
 }
 
-_FLIP = np.diag([1.0, -1.0, -1.0])
 _UNSCALED = "chunk units: no scale, no place in the world (not metres)"
 _EARTH_M = (6.2e6, 6.5e6)
 # Settings of a chunk and the defaults of a block that they are: Metashape's accuracies.
@@ -297,15 +297,16 @@ def _labels(part):
 
 
 def chunk_of(root: Xml, notes: list[str]) -> Xml:
-    """The chunk of a document: the active one of several, else the first."""
+    """The chunk of a document: the active one of several, else that of the most cameras."""
     chunks = root.all("chunk") or root.all("chunks/chunk")
     if root.tag != "document" or not chunks:
         raise root.wrong("it is not a Metashape document with a chunk; export it again")
     active = root.find("chunks")
     active = active and active.get("active_id")
-    chosen = next((chunk for chunk in chunks if active and chunk.get("id") == active), chunks[0])
+    most = max(chunks, key=lambda chunk: len(chunk.all(".//camera")))
+    chosen = next((chunk for chunk in chunks if active and chunk.get("id") == active), most)
     if len(chunks) > 1:
-        which = "the active one" if chosen.get("id") == active else "the first"
+        which = "the active one" if active else f"that of the most cameras, {chosen.get('label')},"
         notes.append(f"{root.path.name} holds {len(chunks)} chunks; {which} was read")
     return chosen
 
@@ -476,7 +477,9 @@ def _project(chunk, cloud, path, notes, warnings):
     reference[have] = world.points(measured.place[have], crs)
     taken = have & np.isfinite(measured.angle).all(axis=1) & (not known.any())
     if taken.any():
-        rotation[taken], centre[taken] = _of_angles(measured.angle[taken]), reference[taken]
+        turned = Rotation.from_euler("ZXY", measured.angle[taken] * [-1, 1, 1], degrees=True)
+        rotation[taken] = FLIP @ turned.as_matrix().transpose(0, 2, 1)
+        centre[taken] = reference[taken]
         notes.append(
             f"{int(taken.sum())} cameras are not aligned: their poses are the measured positions "
             "and angles (start values)"
@@ -666,12 +669,6 @@ def _sigmas(element):
         defaults = {"sx": both, "sy": both, "sz": np.nan}
         found = np.array([element.number(key, value) for key, value in defaults.items()])
     return np.where(found > 0, found, np.nan)
-
-
-def _of_angles(angles):
-    """Rotations (n, 3, 3), world to camera, of yaw, pitch, roll (n, 3) degrees."""
-    turned = Rotation.from_euler("ZXY", angles * [-1, 1, 1], degrees=True).as_matrix()
-    return _FLIP @ turned.transpose(0, 2, 1)
 
 
 def _local(geocentric, place, crs):

@@ -57,13 +57,9 @@ _C2M = "eConvApero_DistC2M"
 
 def recognise(path: Path) -> bool:
     """A folder of Orientation-*.xml or Ori-*.xml files, one with such a folder, or such a file."""
-    if path.is_file():
-        return path.suffix.lower() == ".xml" and _is_orientation(path)
-    return bool(_orientations(path)) or bool(_ori_folders(path))
-
-
-def _is_orientation(path):
-    head = opening(path, 3000)
+    if not path.is_file():
+        return bool(_orientations(path)) or bool(_ori_folders(path))
+    head = opening(path, 3000) if path.suffix.lower() == ".xml" else ""
     return "<OrientationConique>" in head or "<CameraPose>" in head
 
 
@@ -73,13 +69,13 @@ def _orientations(folder):
     ]
 
 
+def _folders(home, pattern="*"):
+    return [inner for inner in sorted(home.glob(pattern)) if inner.is_dir()]
+
+
 def _ori_folders(folder):
-    found = [inner for inner in sorted(folder.glob("Ori-*")) if inner.is_dir()]
-    if (folder / "Ori").is_dir():
-        found += [inner for inner in sorted((folder / "Ori").iterdir()) if inner.is_dir()]
-    if (folder / "MMVII-PhgrProj" / "Ori").is_dir() and not found:
-        home = folder / "MMVII-PhgrProj" / "Ori"
-        found += [inner for inner in sorted(home.iterdir()) if inner.is_dir()]
+    found = _folders(folder, "Ori-*") + _folders(folder / "Ori")
+    found = found or _folders(folder / "MMVII-PhgrProj" / "Ori")
     return [inner for inner in found if _orientations(inner)]
 
 
@@ -378,19 +374,12 @@ def marks_of(path: Path) -> list[tuple[str, str, float, float]] | None:
     ]
 
 
-def _measure_files(home):
-    yield from sorted(home.glob("*.xml"))
-    if (home / "PointsMeasure").is_dir():
-        inner = [place for place in sorted((home / "PointsMeasure").iterdir()) if place.is_dir()]
-        if inner:
-            yield from sorted(inner[0].glob("*.xml"))
-
-
 def _ground_and_marks(home, images, notes, warnings):
     mmvii = home / "MMVII-PhgrProj"
     home = mmvii if mmvii.is_dir() and not list(home.glob("Ori-*")) else home
     ground, marks = None, []
-    for file in _measure_files(home):
+    homes = [home, *_folders(home / "PointsMeasure")[:1]]
+    for file in (file for place in homes for file in sorted(place.glob("*.xml"))):
         head = opening(file, 3000)
         if "DicoAppuisFlottant" in head or "<SetGCP>" in head:
             found = ground_of(file)
@@ -420,8 +409,7 @@ def _ground_and_marks(home, images, notes, warnings):
 
 def _ties(home, images, notes, warnings):
     """Homol*/Pastis<image>/<image>.txt: x1 y1 x2 y2 of each pair of images."""
-    folders = [place for place in sorted(home.glob("Homol*")) if place.is_dir()]
-    folders = [place for place in folders if any(place.glob("Pastis*"))]
+    folders = [place for place in _folders(home, "Homol*") if any(place.glob("Pastis*"))]
     if not folders:
         return None
     if len(folders) > 1:

@@ -1,0 +1,140 @@
+"""Where something moved: points that only together show it, and patches that are no ground."""
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+import corridor
+from benchmarks import two_dates
+from corridor.tools.change import significance
+from corridor.tools.change.cores import Cores
+from corridor.tools.change.explanation import Explanation
+from corridor.tools.change.layers import typical
+from corridor.tools.change.m3c2 import members
+from corridor.tools.change.points import localised
+from corridor.tools.change.result import Compared
+from corridor.tools.change.surface import PatchChange
+
+
+class TestPointsTogether:
+    """Heights and places with standard deviations of 10 mm."""
+
+    alone = np.ones(8, dtype=bool)
+
+    def test_four_of_eight_that_sink_by_three_sigmas_each_are_found(self):
+        """The weighted square is 36; chi square with 8 degrees of freedom exceeds 22 in 0.5 %."""
+        shift = np.zeros((8, 3))
+        shift[:4, 2] = -0.03
+        found = localised(shift.ravel(), 1e-4 * np.eye(24), 0.01, self.alone)
+        assert found[:4].any() and not found[4:].any()
+
+    def test_nothing_is_found_more_often_than_asked(self):
+        noise = np.random.default_rng(3).normal(0.0, 0.01, (500, 24))
+        found = sum(localised(n, 1e-4 * np.eye(24), 0.05, self.alone).any() for n in noise)
+        assert binom.ppf(0.0005, 500, 0.05) <= found <= binom.ppf(0.9995, 500, 0.05)
+
+    def test_a_datum_that_floats_hides_no_point_that_sinks_from_its_neighbours(self):
+        """All float by 1 m together: none moves by itself, the third sinks by 10 sigmas."""
+        shift = np.full((8, 3), 0.4)
+        shift[2, 2] -= 0.1
+        floating = np.kron(np.ones((8, 8)), np.eye(3))
+        found = localised(shift.ravel(), floating + 1e-4 * np.eye(24), 0.01, ~self.alone)
+        np.testing.assert_array_equal(np.flatnonzero(found), [2])
+
+
+def cloud(xyz):
+    return SimpleNamespace(xyz=xyz, surface=np.arange(len(xyz)), epoch=SimpleNamespace(xyz=xyz))
+
+
+def upright(places):
+    """Core points on a level of zero."""
+    xyz = np.column_stack([places, np.zeros(len(places))])
+    return Cores(
+        xyz, np.tile([0.0, 0.0, 1.0], (len(xyz), 1)), xyz[:, 0], xyz[:, 1], np.eye(2), 2.0, 5.0, 8.0
+    )
+
+
+class TestPatches:
+    """Sixty points on level ground, rough by 1 cm."""
+
+    draw = np.random.default_rng(4)
+    level = np.column_stack([draw.uniform(-4.0, 4.0, (60, 2)), draw.normal(0.0, 0.01, 60)])
+    core = upright(np.zeros((1, 2)))
+
+    @pytest.mark.parametrize("degree", [0, 1, 2])
+    def test_a_lorry_on_a_third_of_it_moves_the_mean_and_not_the_typical_point(self, degree):
+        parked = self.level + np.outer(self.level[:, 0] > 1.5, [0.0, 0.0, 3.0])
+        dates = cloud(self.level), cloud(parked)
+        assert abs(typical(dates, self.core, degree)) < 0.02
+        sunk = cloud(self.level - [0.0, 0.0, 0.1])
+        assert typical((dates[0], sunk), self.core, degree) == pytest.approx(-0.1, abs=1e-9)
+
+    @pytest.mark.parametrize("degree", [1, 2])
+    def test_a_surface_is_not_extrapolated(self, degree):
+        aside = self.level[self.level[:, 0] > 1.0]
+        assert members(cloud(aside), self.core, degree).beyond.all()
+        assert not members(cloud(self.level), self.core, degree).beyond.any()
+        assert not members(cloud(aside), self.core, 0).beyond.any()
+
+
+@dataclass
+class Surface:
+    """Changes at core points, their means with a standard deviation of 10 mm."""
+
+    distance: np.ndarray
+    cores: Cores
+
+    def __len__(self):
+        return len(self.distance)
+
+    def sigma_of_sums(self, matrix):
+        return np.full(len(matrix), 0.01)
+
+
+class TestCover:
+    """A patch of 200 m along which the surface changes, and three marks that stand still."""
+
+    def found(self, change, held):
+        cores = upright(np.column_stack([np.arange(0.0, 200.0, 2.0), np.zeros(100)]))
+        surface = Surface(change(cores.station), cores)
+        marks = np.array([[2.0, 1.0, 0.0], [8.0, -1.0, 0.0], [14.0, 0.0, 0.0]])
+        points = SimpleNamespace(
+            xyz=marks, shift=np.zeros((3, 3)), covariance=1e-4 * np.eye(9),
+            held=np.full(3, held), moved=np.zeros(3, dtype=bool), undecided=None,
+        )  # fmt: skip
+        patch = PatchChange(np.arange(100), 0.3, 0.01, 100.0, 0.0, 400.0, 0.001)
+        return Compared((), None, points, surface, {}, (patch,)).cover
+
+    def test_control_that_stands_in_it_says_so(self):
+        assert self.found(lambda station: np.full(len(station), 0.3), held=True).points == 3
+
+    def test_marks_at_the_rim_of_a_bowl_do_not(self):
+        """Where they are the surface does not change either."""
+        assert self.found(lambda station: -0.3 * (station > 100.0) - 1e-3, held=False) is None
+
+
+def test_lorries_are_not_the_ground_and_are_told():
+    found = corridor.change(*two_dates.pair("lorries", 5002), camera=False)
+    assert found.verdict == "nothing" and found.final.torn
+    assert "some of its tie points lie higher at the second date" in " ".join(str(found).split())
+
+
+def test_every_effect_that_is_said_to_be_modelled_is_modelled():
+    """With the camera's rotation modelled the measurements show the rolling shutter too."""
+    slide = two_dates.MOTIONS["slide"]
+    found = corridor.change(*two_dates.pair("readout 20 ms, turning", 5000, slide), surface=False)
+    shown = found.explanation.shown[1]
+    assert shown == {"rolling_shutter", "rolling_shutter_rotation"}
+    assert shown <= set(found.remaining.adjustments[1].system.effects)
+
+
+def test_a_point_that_an_effect_could_have_moved_is_not_called_no_change():
+    """As a whole significant, no place of the surface, and one point undecided."""
+    tested = significance.Test
+    tests = [tested(True, 1e-6, 100), tested(False, 0.1, 100), tested(True, 1e-6, 100)]
+    told = Explanation(*tests, visible=True, shown=(set(), set()), table=None)
+    assert told.verdict == "nothing"
+    assert replace(told, doubted=True).verdict == "undecided"
