@@ -36,6 +36,7 @@ from corridor.core.gnss.interpolation import (
 )
 from corridor.core.gnss.reading import read_exposures, read_track
 from corridor.core.gnss.slow_noise import SlowNoise
+from corridor.core.gnss.text import degrees
 from corridor.core.gnss.track import GEOCENTRIC, GEOGRAPHIC, Track, check_quality
 from corridor.core.registry import offered
 

@@ -15,8 +15,7 @@ import pandas as pd
 
 from corridor.core.block import ROLES, SIGMAS
 from corridor.core.errors import InputError, did_you_mean
-from corridor.core.gnss import GEOGRAPHIC
-from corridor.core.gnss.text import degrees
+from corridor.core.gnss import GEOGRAPHIC, degrees
 from corridor.core.textfile import Line, filled
 from corridor.tools.formats.project import ground_table
 
