@@ -71,6 +71,7 @@ offsets_m = [-20, 0, 20]
 images = 29
 forward = 0.8
 """
+Q = ("qw", "qx", "qy", "qz")
 CROSS = """\
 name = "cross"
 axis_m = [[60, -60], [60, 80]]
@@ -152,6 +153,9 @@ def _plans(home: Path) -> None:
         ("forward", "forward = 0.8", "forward = 80"),
         ("three_of_two", "offsets_m = [-20, 0, 20]", "offsets_m = [-20, 20]"),
         ("true", "strips = 3", "strips = true"),
+        ("degrees", "[[0, 0], [120, 30]]", "[[8.55, 49.01], [8.56, 49.012]]"),
+        ("readout_ms", "f = 976", "f = 976\nreadout_s = 25"),
+        ("pixel_mm", "f = 976", "f = 976\npixel_um = 0.0033"),
         ("noise", "mark_px = 0.4\ngnss_m = [0.01, 0.01, 0.02]\ncontrol_m = 0.005\n", ""),
     ):
         assert old in PLAN, name
@@ -180,6 +184,14 @@ def _blocks(home: Path, block: Block, grid: Block) -> None:
         ("geoid_gnss", lambda b: b.put("gnss", "z", b.numbers("gnss", "z") - GEOID_M)),
         ("feet", lambda b: b.put("ground", "xyz", b.numbers("ground", *"xyz") / 0.3048)),
         ("far_ground", lambda b: b.put("ground", "xyz", b.numbers("ground", *"xyz") + 5.4e6)),
+        ("feet_gnss", lambda b: b.put("gnss", "xyz", b.numbers("gnss", *"xyz") / 0.3048)),
+        ("back_gnss", lambda b: b.put("gnss", "xyz", b.numbers("gnss", *"xyz")[::-1])),
+        ("qw_last", lambda b: b.put("images", Q, b.numbers("images", *Q)[:, [1, 2, 3, 0]])),
+        (
+            "middle_marks",
+            lambda b: b.put("marks", "xy", b.numbers("marks", *"xy") - [527.5, 395.5]),
+        ),
+        ("arm_mm", lambda b: b.lever_arm.update(default=(10.0, 20.0, 120.0))),
     ):
         made = block.copy()
         change(made)
@@ -291,6 +303,8 @@ def _metashape(home: Path) -> None:
         "disabled", lambda t: t.replace('label="DJI_0003.JPG"', 'label="DJI_0003.JPG" enabled="0"')
     )
     other("labels", lambda t: t.replace('label="DJI_0002.JPG"', 'label="DJI_0001.JPG"'))
+    empty = '<chunk label="empty"><sensors/><cameras/></chunk><chunk'
+    other("two_chunks", lambda t: t.replace("<chunk", empty, 1))
     other("compound", lambda t: t.replace(system, "<reference>EPSG:25832+7837"))
     placed = re.search(r"<transform>\s*<rotation>.*?</transform>", text, re.DOTALL)
     other("no_transform", lambda t: t.replace(placed[0], ""))
@@ -385,6 +399,20 @@ def _ground(home: Path, block: Block, grid: Block) -> None:
         "# GNSS, May 2024\n#\nPoint,E,N,H",
         lambda n, x, y, z: f"{n},{x:.3f},{y:.3f},{z:.3f}",
     )
+    table("emlid.csv", "Name,Easting,Northing,Elevation,Longitude,Latitude,Ellipsoidal height,"
+          "Lateral RMS,Elevation RMS",
+          lambda n, x, y, z: f"{n},{x + 4e5:.3f},{y + 5e6:.3f},{z - GEOID_M:.3f},{x:.9f},{y:.9f},"
+          f"{z:.3f},0.01,0.02", degrees)  # fmt: skip
+    table("dms.csv", "name;lat;lon;h",
+          lambda n, x, y, z: f"{n};{_minutes(y)} N;E {_minutes(x)};{z:.3f}", degrees)  # fmt: skip
+    table("west.csv", "name,lat,lon,h",
+          lambda n, x, y, z: f"{n},{y:.9f},{-x:.9f},{z:.3f}", degrees)  # fmt: skip
+    table("sigma_mm.csv", "name,E,N,H,sdx (mm),sdy (mm),sdz (mm)",
+          lambda n, x, y, z: f"{n},{x:.3f},{y:.3f},{z:.3f},8,9,15")  # fmt: skip
+    table("title.csv", "Project: Bridge 12\nSurveyor; J. Doe\nPoint,Easting,Northing,Height",
+          lambda n, x, y, z: f"{n},{x:.3f},{y:.3f},{z:.3f}")  # fmt: skip
+    table("points.gsi", "", lambda n, x, y, z: f"*110001+{n:0>16} 81..10+{x * 1000:016.0f}")
+    _text(folder / "points.json", '{"type": "FeatureCollection", "features": []}')
     table("latlon.csv", "", lambda n, x, y, z: f"{n},{y:.8f},{x:.8f},{z:.3f}", degrees)
     table(
         "latlon_head.csv",
@@ -393,6 +421,11 @@ def _ground(home: Path, block: Block, grid: Block) -> None:
         degrees,
     )
     _gcp_lists(home, grid, utm, degrees, names)
+
+
+def _minutes(degrees: float) -> str:
+    minutes = 60 * (degrees % 1)
+    return f"{int(degrees)}°{int(minutes):02d}'{60 * (minutes % 1):08.5f}\""
 
 
 def _gcp_lists(home, grid, utm, degrees, names) -> None:
@@ -472,6 +505,8 @@ def _tracks(home: Path, block: Block, grid: Block) -> None:
     third = np.where(np.arange(len(time)) % 600 < 200, 2, 1)
     few = np.where(rng.random(len(time)) < 0.07, 5, 1)
     pos("rover.pos")
+    rover = (folder / "rover.pos").read_text(encoding="utf-8")
+    _text(folder / "geodetic.pos", rover.replace("ellipsoidal,Q", "geodetic,Q").rstrip())
     pos("utc.pos", -LEAP_S, "UTC")
     pos("week.pos", week=True)
     pos("utc_as_gps.pos", -LEAP_S)

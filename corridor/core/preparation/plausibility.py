@@ -485,7 +485,8 @@ def position_difference(file: str, given: np.ndarray, other: str, known: np.ndar
         for one, mine, others in ((file, given, known), (other, known, given)):
             wide = np.ptp(others[:, :2], axis=0).max()
             # No flight is less than a metre wide: then it is the other table that counts otherwise.
-            if np.median(np.abs(metres * mine - others)) < 0.05 * wide and wide > _STRAY_M:
+            left = np.median(np.abs(metres * mine - others), axis=0).max()
+            if left < 0.05 * wide and wide > _STRAY_M:
                 return f"{one} is in {unit}: write metres."
     level = np.abs(middle[:2]).max() < min(_FAR_UP_M, 0.3 * abs(middle[2]))
     if level and spread.max() < max(0.25 * abs(middle[2]), 2.0):

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
+from pandas.api.typing import SeriesGroupBy
 
 from corridor.core.block import POSE, Block
 from corridor.core.errors import InputError, some
@@ -37,6 +39,7 @@ from corridor.tools.formats.frames import local_table
 from corridor.tools.formats.ground import Ground, add_to, called_as_marked, in_frame, read_ground
 from corridor.tools.formats.plausible import refusal
 from corridor.tools.formats.project import Project
+from corridor.tools.formats.proof import LARGE_PX
 from corridor.tools.formats.rows import rows_of, share_outside
 from corridor.tools.formats.strange import not_text
 
@@ -222,7 +225,11 @@ def _placed(project: Project, name: str) -> Project:
             ],
         )
     move, away = found
-    good = away <= max(3 * np.median(away), 1e-9)
+    # Where few or narrow rays meet is uncertain along them, and says nothing against a point.
+    pixels = _by_point(moved_by(project, move).block).median().reindex(seen.names).to_numpy()
+    good = (away <= max(3 * np.median(away), 1e-9)) | (
+        pixels <= max(LARGE_PX, 3 * np.median(pixels))
+    )
     bad = [n for n, fits in zip(seen.names, good, strict=True) if not fits]
     warnings = []
     if bad and len(seen.names) > _LEAST_POINTS:
@@ -362,12 +369,20 @@ def _in_one_height_system(project: Project, name: str) -> Project:
 
 def _in_pixels(block: Block) -> float:
     """How far marks lie from where control and poses put them, px, median; infinite behind."""
+    length = _by_point(block).obj
+    return float(np.median(length)) if len(length) else 0.0
+
+
+def _by_point(block: Block) -> SeriesGroupBy:
+    """The same of each mark, by the names of the points."""
     rows = rows_of(block, complete=False)
     marks = rows.only(rows.point >= rows.ties)
     good = np.isfinite(marks.positions).all(axis=1)[marks.point]
     good &= np.isfinite(marks.centre).all(axis=1)[marks.image]
-    length = np.linalg.norm(marks.only(good).residuals(), axis=1)
-    return float(np.median(np.where(np.isfinite(length), length, np.inf))) if len(length) else 0.0
+    marks = marks.only(good)
+    length = np.linalg.norm(marks.residuals(), axis=1)
+    found = pd.Series(np.where(np.isfinite(length), length, np.inf))
+    return found.groupby(marks.point_names[marks.point].astype(str))
 
 
 def _limit(block: Block) -> float:

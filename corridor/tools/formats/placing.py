@@ -731,6 +731,21 @@ def _by_axes(pose, source, target, turns, sigma):
     return axes, directions, np.full(len(axes), weight)
 
 
+def _with_witness(exposures: gnss.Exposures, block: Block) -> gnss.Exposures:
+    """The exposures with the positions that the block has: witnesses of the clock."""
+    local = local_of(block)
+    nowhere = local is None and block.crs is None
+    if "x" in exposures.table or "image" not in exposures.table or not len(block.gnss) or nowhere:
+        return exposures
+    places = block.numbers("gnss", *"xyz") + block.offset
+    places = local.to_geographic(places) if local else gnss.convert(places, block.crs, GEOGRAPHIC)
+    told = pd.DataFrame(places, columns=list("xyz"), index=block.gnss["image"].astype(str))
+    told[["sx", "sy", "sz"]] = block.gnss_sigma()
+    names = exposures.table["image"].astype(str)
+    table = exposures.table.assign(**{key: names.map(told[key]) for key in told})
+    return replace(exposures, table=table, crs=GEOGRAPHIC)
+
+
 def add_track(project: Project, exposures: gnss.Exposures | None, track: Track) -> Project:
     """The project with antenna positions and velocities at the exposures, from a receiver's track.
 
@@ -752,7 +767,7 @@ def add_track(project: Project, exposures: gnss.Exposures | None, track: Track) 
     epochs = gnss.read_track(track.path)
     found = gnss.antenna(
         epochs,
-        exposures,
+        _with_witness(exposures, block),
         crs=GEOGRAPHIC if epochs.crs is not None else None,
         track_system=track.system,
         exposures_system=track.images_system,

@@ -43,8 +43,9 @@ _QUARTZ = 1e-5
 _UNEVEN = 0.04
 # A row of a rolling shutter: 15 to 60 ms for 3,000 rows (published readout times).
 _ROW_S = 5e-6, 20e-6
-# A hundredth of that: stacked sensors need an eighth, and a frequency in mHz leaves a thousandth.
-_FASTEST_ROW_S = 5e-8
+# Cameras of a thousand pictures a second need a millisecond; a frequency in mHz leaves a thousandth
+# of the 15 to 60 ms.
+_FASTEST_MS = 0.1
 _GAIN = 3.0  # by which the stripes must shrink what a smooth light leaves over
 _METHOD = (
     "frequency of the stripes in the mean light of the rows: up to 15 harmonics with smooth "
@@ -113,7 +114,7 @@ def measure_led(
         warnings.append("the exposure is close to one period of the light: the stripes are weak")
     readout = 1e3 * (rows - 1) * cycles / frequency_hz
     slow = readout > 1e3 * SLOWEST_READOUT_S
-    if slow or readout < 1e3 * rows * _FASTEST_ROW_S:
+    if slow or readout < _FASTEST_MS:
         raise InputError(
             f"--frequency {frequency_hz:g}: the readout time would be {readout:,.4g} ms, "
             f"{'longer' if slow else 'shorter'} than that of any camera; give the frequency in Hz "

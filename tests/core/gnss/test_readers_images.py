@@ -118,8 +118,12 @@ class TestModifiedJulianDays:
             read_track(tmp_path / "x.txt")
 
 
-def photograph(file, time="2024:06:24 10:20:31", decimals=None, zone=None):
+def photograph(file, time="2024:06:24 10:20:31", decimals=None, zone=None, place=None):
     tags = Image.Exif()
+    if place:
+        lon, lat = place
+        gps = {1: "NS"[lat < 0], 2: (abs(lat), 0.0, 0.0), 3: "EW"[lon < 0], 4: (abs(lon), 0.0, 0.0)}
+        tags.get_ifd(0x8825).update(gps)
     own = tags.get_ifd(0x8769)
     for tag, value in ((36867, time), (37521, decimals), (36881, zone)):
         if value is not None:
@@ -128,6 +132,16 @@ def photograph(file, time="2024:06:24 10:20:31", decimals=None, zone=None):
 
 
 class TestExif:
+    def test_positions_come_with_the_times_as_witnesses_of_the_clock(self, tmp_path):
+        photograph(tmp_path / "a.jpg", place=(172.5, -43.25))
+        photograph(tmp_path / "b.jpg")
+        found = read_exposures(tmp_path)
+        assert found.crs == "EPSG:4979"
+        assert found.table[["x", "y"]].iloc[0].tolist() == [172.5, -43.25]
+        assert found.table[["x", "y"]].iloc[1].isna().all()
+        photograph(tmp_path / "a.jpg")
+        assert read_exposures(tmp_path).crs is None
+
     @pytest.mark.parametrize(
         ("decimals", "seconds"), [("5", 0.5), ("05", 0.05), ("050", 0.05), ("123456", 0.123456)]
     )

@@ -174,22 +174,45 @@ def test_the_command_makes_a_block_that_adjusts(flown, tmp_path):
     assert corridor.adjust(corridor.read(tmp_path / "block"), camera="fixed").converged
 
 
-def test_a_track_gives_antenna_positions_and_velocities(flown, tmp_path):
-    home, block = flown
-    project, _, exposures = add_photographs(read_project(home / "model"), home / "photos")
-    time = np.arange(37195.0, 37230.0, 0.2)
-    x = 22.0 / 2 * (time - 37200.25)
-    places = PLACE.to_geographic(np.column_stack([x, np.zeros_like(x), np.full_like(x, 80.0)]))
+def rover(folder, time, places, system="UTC"):
+    """RTKLIB's rover.pos of places (n, 3) at seconds of the day (n,)."""
     names = "latitude(deg) longitude(deg) height(m) Q ns sdn(m) sde(m) sdu(m) sdne(m) sdeu(m)"
-    rows = [f"%  UTC {names} sdun(m) age(s) ratio"]
-    for t, (lon, lat, up) in zip(time, places, strict=True):
+    rows = [f"%  {system} {names} sdun(m) age(s) ratio"]
+    for t, (lon, lat, up) in zip(time, PLACE.to_geographic(places), strict=True):
         hour, rest = divmod(t, 3600)
         minute, second = divmod(rest, 60)
         rows.append(
             f"2024/06/24 {int(hour):02d}:{int(minute):02d}:{second:06.3f} {lat:.9f} {lon:.9f} "
             f"{up:.4f} 1   9   0.0100   0.0100   0.0200   0.0   0.0   0.0   0.0   9.9"
         )
-    (tmp_path / "rover.pos").write_text("\n".join(rows) + "\n")
+    (folder / "rover.pos").write_text("\n".join(rows) + "\n")
+
+
+@pytest.mark.parametrize("late", [0.0, 0.8])
+def test_positions_of_photographs_are_witnesses_of_the_clock_of_a_track(flown, tmp_path, late):
+    """UTC that is called GPS time, and a clock that is late: the antenna would be metres off."""
+    home, block = flown
+    project, _, exposures = add_photographs(read_project(home / "model"), home / "photos")
+    taken = 37200.25 + 2.0 * np.arange(len(block.images))
+    time = np.arange(37160.0, 37260.0, 0.2)
+    centres = block.images[POSE[:3]].to_numpy(float)
+    places = np.column_stack([np.interp(time, taken - late, axis) for axis in centres.T])
+    rover(tmp_path, time, places)
+    made = add_track(project, exposures, Track(tmp_path / "rover.pos"))
+    told = [note for note in made.notes if "s earlier than the images' times" in note]
+    assert len(told) == (late > 0)
+    rover(tmp_path, time, places, system="GPST")
+    if not late:
+        with pytest.raises(InputError, match="one of the two states UTC and means GPS time"):
+            add_track(project, exposures, Track(tmp_path / "rover.pos"))
+
+
+def test_a_track_gives_antenna_positions_and_velocities(flown, tmp_path):
+    home, block = flown
+    project, _, exposures = add_photographs(read_project(home / "model"), home / "photos")
+    time = np.arange(37195.0, 37230.0, 0.2)
+    x = 22.0 / 2 * (time - 37200.25)
+    rover(tmp_path, time, np.column_stack([x, np.zeros_like(x), np.full_like(x, 80.0)]))
     made = add_track(project, exposures, Track(tmp_path / "rover.pos")).block
     assert len(made.gnss) == 12
     velocity = made.images[["vx", "vy", "vz"]].to_numpy(float)

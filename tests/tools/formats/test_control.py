@@ -66,6 +66,22 @@ def test_a_wrong_ground_point_is_named_and_does_not_place(surveyed):
     assert table["point"][1] in said and "are names or coordinates wrong?" in said
 
 
+def test_a_point_that_few_narrow_rays_see_is_not_accused(surveyed):
+    """Half a pixel in two images side by side is decimetres along the rays."""
+    block, bare, home = surveyed
+    marks, name = block.marks.copy(), block.ground["point"][1]
+    mine = marks.index[marks["point"].astype(str) == name]
+    rows = block.image_rows("marks")[mine]
+    centre = block.poses[rows, :3]
+    apart = np.linalg.norm(centre[1:] - centre[:-1], axis=1)
+    pair = mine[[apart.argmin(), apart.argmin() + 1]]
+    marks.loc[pair, "x"] += [0.5, -0.5]
+    marks.drop(mine.difference(pair)).to_csv(home / "marks.csv", index=False)
+    found = add_ground(free(bare), home / "ground.csv")
+    assert found.warnings == []
+    assert derived(found.block)[0].witnesses[0].says == "agrees"
+
+
 @pytest.mark.parametrize("up", [70.5, -48.0, 320.0])
 def test_another_height_system_is_taken_and_said_with_both_heights(surveyed, up):
     block, bare, home = surveyed

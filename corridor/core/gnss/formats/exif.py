@@ -10,28 +10,37 @@ Source: EXIF 2.32 (CIPA DC-008), tags 36867, 37521, 36881.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pandas as pd
 
 from corridor.core.errors import InputError
 from corridor.core.gnss.exposures import Exposures
 from corridor.core.gnss.time import on_one_day, time_system
+from corridor.core.gnss.track import GEOGRAPHIC
 
 if TYPE_CHECKING:
     from corridor.core.photographs import Metadata, Taken
 
 
 def read(folder: Path) -> Exposures:
-    """Times of all photographs in a folder, in order of their names.
+    """Times of all photographs in a folder, in order of their names, and where they were taken.
 
     Raises InputError where there is none, or one has no time, or zones differ.
     """
     # It needs Pillow, which a track does not.
     from corridor.core.photographs import photographs_in, read_metadata
 
-    return of_photographs(folder, [read_metadata(file) for file in photographs_in(folder)])
+    photos = [read_metadata(file) for file in photographs_in(folder)]
+    found = of_photographs(folder, photos)
+    places = np.array([[one.lon_deg, one.lat_deg, one.height or 0] for one in photos], dtype=float)
+    if np.isnan(places[:, :2]).all():
+        return found
+    table = found.table.assign(**dict(zip("xyz", places.T, strict=True)))
+    return replace(found, table=table, crs=GEOGRAPHIC)
 
 
 def of_photographs(folder: Path, photos: Sequence[Metadata]) -> Exposures:
