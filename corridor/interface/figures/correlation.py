@@ -90,6 +90,5 @@ def _coefficient(value: float, digits: int) -> str:
 def shorter(names: list[str], cameras: list[str], most: int = 30) -> list[str]:
     """Names of parameters without what they all share: one camera need not be named."""
     if len(cameras) == 1:
-        prefix = f"camera.{cameras[0]}."
-        names = [name[len(prefix) :] if name.startswith(prefix) else name for name in names]
+        names = [name.removeprefix(f"camera.{cameras[0]}.") for name in names]
     return [short(name, most) for name in names]

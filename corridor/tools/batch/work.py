@@ -10,7 +10,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -217,10 +217,8 @@ def share_of_machine(jobs: int) -> float | None:
     if not sys.platform.startswith("linux"):
         return None
     total = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    try:
+    with suppress(OSError, ValueError):
         total = min(total, int(_GROUP.read_text()))  # of a container
-    except (OSError, ValueError):
-        pass
     return (1 - _LEFT) * total / 1e9 / jobs
 
 

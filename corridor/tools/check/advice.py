@@ -67,7 +67,7 @@ class ProgramSettings:
             effects=[one["slug"] for one in named if "point" not in one],
         )
 
-    def sentences(self, form: str) -> list[str]:
+    def sentences(self) -> list[str]:
         """The settings in words, a line each."""
         out = []
         alike: dict[tuple[str, str], list[str]] = {}

@@ -188,7 +188,7 @@ def check_project(
         sentence=sentence,
         wrong=wrong,
         actions=actions,
-        settings=[] if settings is None else settings.sentences(imported["form"]),
+        settings=[] if settings is None else settings.sentences(),
         imported=imported["notes"],
         taken_back=taken,
         adjustment=final,

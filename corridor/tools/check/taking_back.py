@@ -54,7 +54,7 @@ def take_back(result: Path, folder: Path, form: str, settings: ProgramSettings) 
     native = form if form in formats.export_names() else ""
     sentences: list[str] = []
     with whole_folder(folder, MARK) as part:
-        lines = [f"Settings for {form}, from corridor check", "", *settings.sentences(form)]
+        lines = [f"Settings for {form}, from corridor check", "", *settings.sentences()]
         (part / MARK).write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
         _write_camera(part, measured)
         positions = formats.camera_positions(measured)

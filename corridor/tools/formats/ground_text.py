@@ -70,13 +70,11 @@ class Table:
     """Ground points as a text has them.
 
     table: as ground.csv. crs: EPSG:4979 where the header names latitude and longitude, else None.
-    headed: whether a header said which column is which. notes: sentences. unit: of the coordinates,
-    where the header states another than metres.
+    notes: sentences. unit: of the coordinates, where the header states another than metres.
     """
 
     table: pd.DataFrame
     crs: str | None = None
-    headed: bool = False
     notes: list[str] = field(default_factory=list)
     unit: str = ""
 
@@ -314,7 +312,7 @@ def _table(rows, columns, headed, notes, exact) -> Table:
         sigmas.append(_sigmas(line, {key: _cell(cells, at[key]) for key in sigma_keys}, exact))
         roles.append(_role(line, _cell(cells, at["role"])) if "role" in at else "control")
     table = ground_table(names, np.array(places), np.array(sigmas), roles)
-    return Table(table, GEOGRAPHIC if geographic else None, headed, notes)
+    return Table(table, GEOGRAPHIC if geographic else None, notes)
 
 
 def _cell(cells: list[str], k: int) -> str:

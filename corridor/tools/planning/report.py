@@ -26,6 +26,7 @@ _FILES = (
     "detection.csv", "detection.png",
 )  # fmt: skip
 _MOST_POINTS = 12
+_DRAWN = ("control", "xy", "z")
 _ACCURACY = (
     ("horizontal", "xy", 1000, ".1f"),
     ("height", "z", 1000, ".1f"),
@@ -113,12 +114,10 @@ def _count(row: pd.Series) -> str:
 def _picture(table: pd.DataFrame) -> Figure:
     """Error against number of control points, a line for each flight set."""
     series = {
-        str(name): (rows["control"].to_numpy(), rows["xy"].to_numpy(), rows["z"].to_numpy())
-        for name, rows in table.sort_values("control").groupby("flights", sort=False)
+        str(name): tuple(rows.sort_values("control")[key].to_numpy() for key in _DRAWN)
+        for name, rows in table.groupby("flights", sort=False)
     }
-    return registry.room("figures").accuracy_by_control(
-        {name: series[name] for name in table["flights"].unique()}
-    )
+    return registry.room("figures").accuracy_by_control(series)
 
 
 def _control(planned) -> Table | None:

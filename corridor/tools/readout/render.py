@@ -13,7 +13,6 @@ clockwise target. A target has its axis at the origin; lengths on it are metres.
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -170,8 +169,8 @@ class Wheel:
         u, v = (np.ascontiguousarray(a.T) if across else a for a in rays)
         origin, axes = view.pose()
         pieces = max(1, math.ceil(abs(turn) / _FINEST))
-        seen = _Seen(*_on_the_plane(view, across), u, v)
-        camera = _Camera(origin, np.ascontiguousarray(axes), view.camera["f"])
+        seen = (*_on_the_plane(view, across), u, v)
+        camera = origin, np.ascontiguousarray(axes), view.camera["f"]
         ends, circles = self.parts()
         shades = (self.spoke_light, self.dark)
         return _wheel(seen, camera, turned, turn, pieces, ends, circles, shades)
@@ -283,23 +282,6 @@ def _rays(key):
     return tuple(np.ascontiguousarray(part.reshape(height, width)) for part in rays.T)
 
 
-class _Seen(NamedTuple):
-    """Pixels as the sensor's rows see them (rows, columns): metres on the target's plane, rays."""
-
-    x: np.ndarray
-    y: np.ndarray
-    u: np.ndarray
-    v: np.ndarray
-
-
-class _Camera(NamedTuple):
-    """Origin (3,) and axes (3, 3) of the target in the camera frame, focal length in px."""
-
-    origin: np.ndarray
-    axes: np.ndarray
-    focal: float
-
-
 def _on_the_plane(view, across):
     """Metres X, Y on the target's plane of all pixels, rows of the sensor first."""
     x, y = _plane(_key(view.camera), *(tuple(a.ravel()) for a in view.pose()))
@@ -389,7 +371,12 @@ def _share(r, edge, pixel):
 
 @compiled(error_model="numpy")
 def _wheel(seen, camera, turned, turn, pieces, ends, circles, shades):
-    """Light and cover of a wheel; circles: hub, rim inside, rim outside, tyre."""
+    """Light and cover of a wheel.
+
+    seen: of the pixels as the sensor's rows see them x, y, metres on the target's plane, and rays
+    u, v, each (rows, columns). camera: origin (3,) and axes (3, 3) of the target in the camera
+    frame, focal length in px. circles: hub, rim inside, rim outside, tyre.
+    """
     x, y, u, v = seen
     origin, axes, focal = camera
     bright, dark = shades

@@ -84,8 +84,7 @@ class Matcher:
         trouble = fault(picture)
         if trouble:
             return self._nothing(trouble)
-        start, moved = self._start(picture)
-        found = self._matched(picture, start)
+        found = self._matched(picture, self._start(picture))
         lost = ~np.isfinite(found[0][:, 0])
         near = _smooth(self.nodes, found[0], ~lost)
         if lost.any() and near is not None:
@@ -93,16 +92,13 @@ class Matcher:
             again = self._matched(picture, np.where(lost[:, None], near, found[0]), lost)
             for kept, new in zip(found, again, strict=True):
                 kept[lost] = new[lost]
-        return self._gate(picture, moved, *found)
+        return self._gate(picture, *found)
 
     def _matched(self, picture, start, which=None):
         good = self._good if which is None else self._good & which
-        shift, bend, gain, rest, like, _ = kernel.match(
-            picture, self._windows, start, good, _ROUNDS, _AT_REST
-        )
-        return shift, bend, gain, rest, like
+        return kernel.match(picture, self._windows, start, good, _ROUNDS, _AT_REST)[:5]
 
-    def _gate(self, picture, moved, shift, bend, gain, rest, like):
+    def _gate(self, picture, shift, bend, gain, rest, like):
         smoothed = math.sqrt(kernel.SMOOTHED_NOISE)
         noise = np.maximum(rest / smoothed, _ROUNDING * math.sqrt(2))
         spread = self._windows.spread
@@ -150,10 +146,7 @@ class Matcher:
         )  # fmt: skip
         flow = factor * (flow - places).astype(float)
         smooth = _smooth(self.nodes, flow, (status.ravel() == 1) & np.isfinite(flow).all(axis=1))
-        moved = factor * moved
-        if smooth is None:
-            return np.tile(moved, (len(self.nodes), 1)), moved
-        return smooth, moved
+        return np.tile(factor * moved, (len(self.nodes), 1)) if smooth is None else smooth
 
 
 def fault(picture: np.ndarray) -> str:

@@ -53,10 +53,8 @@ _SAME_M = 1e-3
 def recognise(path: Path) -> bool:
     """A folder with calibrated_camera_parameters.txt, or one of Pix4D's parameter files."""
     if path.is_file():
-        head = opening(path, 200)
-        return head.startswith("fileName imageWidth imageHeight") or head.startswith(
-            "imageName X Y Z Omega Phi Kappa"
-        )
+        known = ("fileName imageWidth imageHeight", "imageName X Y Z Omega Phi Kappa")
+        return opening(path, 200).startswith(known)
     return any(_find(folder, _MAIN) for folder in (path, in_any_case(path / "params")))
 
 

@@ -158,7 +158,7 @@ class _OpenMvg(_Spelling):
 
     def interior(self, value: Json):
         data = self._data(value)
-        kind = value.get("polymorphic_name") or self._kinds(value, data)
+        kind = value.get("polymorphic_name") or self._kinds(data)
         base = data.at("value0") if isinstance(data.get("value0"), dict) else data
         size = [base.number(key) for key in ("width", "height")]
         focal = base.number("focal_length")
@@ -167,7 +167,7 @@ class _OpenMvg(_Spelling):
         values = np.ravel(data.value[key]).astype(float) if key else np.zeros(0)
         return kind, size, (focal, focal), middle, values
 
-    def _kinds(self, value: Json, data: Json) -> str:
+    def _kinds(self, data: Json) -> str:
         """The model by its coefficients: the name stands only where it is used first."""
         names = {"disto_k1": "pinhole_radial_k1", "disto_k3": "pinhole_radial_k3",
                  "disto_t2": "pinhole_brown_t2", "fisheye": "fisheye"}  # fmt: skip

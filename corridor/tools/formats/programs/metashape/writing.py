@@ -64,11 +64,8 @@ class _Frame:
     def reference(self, parent, place, sigma, enabled: bool) -> None:
         """Add the reference of a measured place (3,), sigma (3,)."""
         place = np.asarray(place, dtype=float)[None]
-        if self.local is None:
-            place = place + self.shift
-        else:
-            place = self.local.to_crs(place, self.crs)
-        x, y, z = place[0]
+        local = self.local
+        x, y, z = (place + self.shift if local is None else local.to_crs(place, self.crs))[0]
         sigma = "/".join(repr(float(value)) for value in sigma)
         on = "true" if enabled else "false"
         add_xml(parent, "reference", x=x, y=y, z=z, sxyz=sigma, enabled=on)

@@ -152,7 +152,7 @@ def _shot(path, folder, home):
     root = Xml.read(path)
     pose = root.find(".//CameraPose")
     if pose is not None:
-        return _mmvii_shot(pose, path, folder)
+        return _mmvii_shot(pose, folder)
     element = _root_or_inner(root, "OrientationConique")
     if element is None:
         raise root.wrong("it holds no OrientationConique; name MicMac orientations")
@@ -206,7 +206,7 @@ def _camera_to_world(matrix, root):
     return matrix
 
 
-def _mmvii_shot(pose, path, folder):
+def _mmvii_shot(pose, folder):
     axes = pose.child("RotMatrix")
     matrix = np.column_stack([axes.values(tag, 3) for tag in ("AxeI", "AxeJ", "AxeK")])
     file = folder / f"{pose.text('NameInternalCalib')}.xml"
