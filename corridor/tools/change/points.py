@@ -112,7 +112,7 @@ def localised(
     moved = np.zeros(len(alone), dtype=bool)
     for axes in ([2], [0, 1]):
         left, n = np.arange(len(moved)), len(axes)
-        while len(left):
+        while len(left) > 1:  # One point is tested by itself.
             at = (3 * left[:, None] + axes).ravel()
             inside = covariance[np.ix_(at, at)]
             if congruency(shift[at], inside).probability >= 0.5 * level:

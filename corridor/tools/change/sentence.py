@@ -227,7 +227,7 @@ def _doubted(points) -> str:
     """The most significant of the points that an effect could have moved."""
     size = np.sum((points.shift / points.sigma) ** 2, axis=1)
     k = int(np.argmax(np.where(points.undecided, size, -1.0)))
-    return f"point {points.names[k]} {_way(points.shift[k], points.sigma[k])}"
+    return f"point {points.names[k]} {_way(points.shift[k], points.sigma[k]).partition(' (')[0]}"
 
 
 def _every(told: Explanation) -> set[str]:
