@@ -54,9 +54,10 @@ class PointChanges:
 
     @property
     def leading(self) -> np.ndarray:
-        """Numbers of the points that moved, the most significant first."""
-        size = np.sum((self.shift / self.sigma) ** 2, axis=1)
-        return np.flatnonzero(self.moved)[np.argsort(-size[self.moved])]
+        """Numbers of the points that moved, the most significant first: beside effects if known."""
+        size = -np.sum((self.shift / self.sigma) ** 2, axis=1)
+        first = size if self.beside is None else self.beside
+        return np.flatnonzero(self.moved)[np.lexsort((size[self.moved], first[self.moved]))]
 
     @property
     def sigma(self) -> np.ndarray:

@@ -109,8 +109,7 @@ def _moved(found) -> str:
 def _cover(found) -> str:
     """What lies or grows on the ground, and whether the ground may have moved too; found: a
     `Compared`."""
-    cover = found.cover
-    patch = cover.patch
+    cover, patch = found.cover, found.cover.patch
     doubt = (
         f" Yet {_doubted(found.points)}: the ground, or an effect of the camera."
         if found.doubted
