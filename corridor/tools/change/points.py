@@ -54,9 +54,10 @@ class PointChanges:
 
     @property
     def leading(self) -> np.ndarray:
-        """Numbers of the points that moved, the most significant first."""
-        size = np.sum((self.shift / self.sigma) ** 2, axis=1)
-        return np.flatnonzero(self.moved)[np.argsort(-size[self.moved])]
+        """Numbers of the points that moved, the most significant first: beside effects if known."""
+        size = -np.sum((self.shift / self.sigma) ** 2, axis=1)
+        first = size if self.beside is None else self.beside
+        return np.flatnonzero(self.moved)[np.lexsort((size[self.moved], first[self.moved]))]
 
     @property
     def sigma(self) -> np.ndarray:
@@ -112,7 +113,7 @@ def localised(
     moved = np.zeros(len(alone), dtype=bool)
     for axes in ([2], [0, 1]):
         left, n = np.arange(len(moved)), len(axes)
-        while len(left):
+        while len(left) > 1:  # One point is tested by itself.
             at = (3 * left[:, None] + axes).ravel()
             inside = covariance[np.ix_(at, at)]
             if congruency(shift[at], inside).probability >= 0.5 * level:

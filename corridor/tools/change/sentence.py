@@ -109,8 +109,7 @@ def _moved(found) -> str:
 def _cover(found) -> str:
     """What lies or grows on the ground, and whether the ground may have moved too; found: a
     `Compared`."""
-    cover = found.cover
-    patch = cover.patch
+    cover, patch = found.cover, found.cover.patch
     doubt = (
         f" Yet {_doubted(found.points)}: the ground, or an effect of the camera."
         if found.doubted
@@ -227,7 +226,7 @@ def _doubted(points) -> str:
     """The most significant of the points that an effect could have moved."""
     size = np.sum((points.shift / points.sigma) ** 2, axis=1)
     k = int(np.argmax(np.where(points.undecided, size, -1.0)))
-    return f"point {points.names[k]} {_way(points.shift[k], points.sigma[k])}"
+    return f"point {points.names[k]} {_way(points.shift[k], points.sigma[k]).partition(' (')[0]}"
 
 
 def _every(told: Explanation) -> set[str]:

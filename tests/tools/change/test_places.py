@@ -31,6 +31,11 @@ class TestPointsTogether:
         found = localised(shift.ravel(), 1e-4 * np.eye(24), 0.01, self.alone)
         assert found[:4].any() and not found[4:].any()
 
+    def test_one_point_alone_gets_no_second_chance(self):
+        """3.2 sigmas down: 1.4e-3 by its height alone, 1.7e-2 by all three numbers."""
+        found = localised(np.array([0.0, 0.0, -0.032]), 1e-4 * np.eye(3), 0.01, self.alone[:1])
+        assert not found.any()
+
     def test_nothing_is_found_more_often_than_asked(self):
         noise = np.random.default_rng(3).normal(0.0, 0.01, (500, 24))
         found = sum(localised(n, 1e-4 * np.eye(24), 0.05, self.alone).any() for n in noise)

@@ -1,5 +1,7 @@
 """Tests of many numbers, and the points that stand still."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import binom
@@ -73,6 +75,19 @@ def test_a_point_is_not_localised_while_nothing_as_a_whole_changes():
     explained = points.beside_effects(0.1 * shift, covariance, 0.01, changed=True)
     assert list(explained.frame["verdict"]) == ["undecided", "stable"]
     assert not explained.stable[0] and not explained.moved[0]
+
+
+def test_the_point_that_leads_is_the_one_that_no_effect_could_have_moved():
+    """B is 8 sigmas away, which an effect explains; A is 5 away, which none does."""
+    points = PointChanges(
+        names=np.array(["A", "B"], dtype=object), xyz=np.zeros((2, 3)),
+        shift=np.array([[0.0, 0.0, 0.05], [0.08, 0.0, 0.0]]), covariance=1e-4 * np.eye(6),
+        held=np.zeros(2, bool), probability=np.array([1e-5, 1e-9]), moved=np.ones(2, bool),
+        overall=congruency(np.zeros(6), np.eye(6)), functions=None,
+    )  # fmt: skip
+    assert list(points.leading) == [1, 0]
+    beside = replace(points, beside=np.array([1e-4, 0.3]))
+    assert list(beside.leading) == [0, 1]
 
 
 def test_student_counts_as_the_normal_number_that_is_as_unlikely():
