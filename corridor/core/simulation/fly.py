@@ -92,14 +92,8 @@ def strips_of(flight: Flight, camera: Camera, axis: Axis) -> Strips:
     if not end > begin:
         raise InputError(f"flight {flight.name}: stations_m = [{begin:g}, {end:g}] has no length")
     forward, speed, interval = flight.forward, flight.speed_m_s, flight.interval_s
-    usual = (1 - _FORWARD) * width[0] * heights
-    if axis.length < usual.min():
-        raise InputError(
-            f"flight {flight.name}: the axis is {axis.length:.3g} m long, and its pictures show "
-            f"{width[0] * heights.min():.3g} m: axis_m is in metres, not in degrees or kilometres"
-        )
     if forward is not None or (speed is None and flight.images is None):
-        base = usual if forward is None else (1 - forward) * width[0] * heights
+        base = (1 - (_FORWARD if forward is None else forward)) * width[0] * heights
         if speed is not None:
             interval = float(base.mean() / speed)
     elif speed is not None:
@@ -162,14 +156,22 @@ def check_plan(plan: Plan, highest: float) -> int:
     highest: of the ground, metres.
     """
     total = 0
+    shown = min(
+        ground_width(plan.camera(f), f.long_side)[0] * f.heights.min() for f in plan.flights
+    )
     for flight in plan.flights:
-        camera = plan.camera(flight)
+        camera, axis = plan.camera(flight), plan.axis_of(flight)
+        if axis.length < (1 - _FORWARD) * shown:
+            raise InputError(
+                f"flight {flight.name}: the axis is {axis.length:.3g} m long, and pictures show "
+                f"{shown:.3g} m: axis_m is in metres, not in degrees or kilometres"
+            )
         if 2 * plan.tie_points.border_px >= min(camera.width, camera.height) - 1:
             raise InputError(
                 f"tie_points: border_px = {plan.tie_points.border_px:g} leaves nothing of "
                 f"{camera.width} x {camera.height} px: lower it"
             )
-        strips = strips_of(flight, camera, plan.axis_of(flight))
+        strips = strips_of(flight, camera, axis)
         total += int(strips.count.sum())
         check_every(plan.ground, float(strips.length.max()))
         low = flight.heights.min() - 4 * flight.position_jitter_m
