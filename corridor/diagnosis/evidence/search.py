@@ -163,8 +163,7 @@ def _named(evidence, chosen):
         near = gains[n].evidence - gains[best].evidence <= max(
             SETTINGS.look_alike_log_odds, SETTINGS.shape_advantage * gains[n].evidence
         )
-        fits, shape = (evidence.beyond_chance(k, gains[k]) for k in (best, n))
-        if near and fits >= SETTINGS.named_share_of_shape * shape:
+        if near and gains[best].fit >= SETTINGS.named_share_of_shape * gains[n].fit:
             chosen = rest | {best: gains[best].kappa}
     return chosen
 
