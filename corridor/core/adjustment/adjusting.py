@@ -324,9 +324,8 @@ def _once(
         if not problem.arms_free or model.lever_arm is not None:
             raise
         held = _once(start, replace(model, lever_arm="fixed"), run, spare, near, begun, refitted)
-        held.add_note(
-            unseen_arms(held, "nothing determines the place of the block beside free ones")
-        )
+        why = "beside a free one only ground control points would say where the block lies"
+        held.add_note(unseen_arms(held, why))
         return held
     try:
         normal = Normal(problem, loss, threads=threads)

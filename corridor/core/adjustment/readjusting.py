@@ -355,14 +355,15 @@ def without_unseen_arms(result: Adjustment, again: Again) -> Adjustment:
     found = from_where_it_ended(result, result.start, model, again)
     if not found.converged:
         return result
-    found.add_note(unseen_arms(result, f"this flight determines it to {sigma:.1f} m only"))
+    why = f"this flight determines it to {sigma:.1f} m only; --lever-arm free estimates it anyway"
+    found.add_note(unseen_arms(result, why))
     return found
 
 
 def unseen_arms(result: Adjustment, why: str) -> str:
     """The sentence on lever arms that are held where nobody asked for it."""
     at = "what block.toml states" if result.start.lever_arm else "0"
-    return f"The lever arm is held at {at}: {why}; --lever-arm free estimates it anyway."
+    return f"The lever arm is held at {at}: {why}."
 
 
 def with_held_focal_asked(result: Adjustment, again: Again) -> Adjustment:

@@ -214,7 +214,7 @@ def _missing_grids(source: str, target: str) -> tuple[str, ...]:
 
 # Zones of UTM are used far beyond their borders: zone 32 for all of Bavaria, to 14 degrees east,
 # zone 33 (12 to 18) for all of Norway, 4 to 31; other grids a little.
-_BEYOND_UTM_DEG, _BEYOND_DEG = 15.0, 1.0
+_BEYOND_UTM_DEG, _BEYOND_DEG = 13.0, 1.0
 
 
 def outside_area(points: np.ndarray, crs: str, converted: bool = False) -> str:

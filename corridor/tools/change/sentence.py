@@ -146,8 +146,8 @@ def patch_some(moved: float, date: str, radius: float) -> str:
     """Some points alone lie higher at one date; moved, m: the typical one. radius, m."""
     return (
         f"some of its tie points lie higher at {date}, the typical one moved by {moved:+.3f} m. "
-        "Vehicles, material or plants stood there; of ground that rose on less than half of "
-        f"{2 * radius:.0f} m a smaller --radius would show more."
+        "Vehicles, material or plants stood there. If the ground itself rose on a place narrower "
+        f"than {radius:.2g} m, compare again with a smaller --radius."
     )
 
 

@@ -209,7 +209,8 @@ class TestSingularDatum:
         adjusted = corridor.adjust(block, control=[])
         assert not adjusted.problem.arms_free
         assert any(
-            "place of the block" in note and "--lever-arm" in note for note in adjusted.notes
+            "where the block lies" in note and "control points would say" in note
+            for note in adjusted.notes
         )
 
     @pytest.mark.parametrize("effect", ["gnss_bias", "gnss_bias@flight"])

@@ -134,6 +134,11 @@ def test_what_is_asked_twice_in_whatever_order_is_the_same():
         unit = np.zeros((len(system.columns), 1))
         unit[3 * d] = 1.0
         assert covariance.solve(unit)[3 * d] == pytest.approx(covariance.each_pose[3, 0, 0])
+    # After all points those of marks are made anew, as reliability asks for them.
+    before = Covariance(system).of_marked
+    assert len(before) > 0
+    for point, found in first.of_marked.items():
+        assert found == pytest.approx(before[point], rel=1e-9, abs=1e-15)
 
 
 class TestAgainstADenseInverse:
