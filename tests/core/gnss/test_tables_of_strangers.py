@@ -1,0 +1,54 @@
+"""Tables of positions that are not as they should be: one sentence, and the same moment is one."""
+
+import numpy as np
+import pytest
+
+from corridor.core.errors import InputError
+from corridor.core.gnss import read_track
+from corridor.core.gnss.time import gps_day, on_one_day
+
+HEAD = "Project: x\nProgram: GrafNav Version 8.90\n\n"
+NAMES = "Week  GPSTime  Latitude  Longitude  H-MSL"
+UNITS = "(weeks)  (sec)  (deg)  (deg)  (m)"
+
+
+def grafnav(folder, names, units):
+    path = folder / "flight.txt"
+    path.write_text(f"{HEAD}{names}\n{units}\n2371 207010.2 48.2 16.1 345.0\n")
+    return path
+
+
+def test_more_units_than_columns_are_told(tmp_path):
+    with pytest.raises(InputError, match="more units than columns"):
+        read_track(grafnav(tmp_path, NAMES, UNITS + "  (m)"))
+
+
+def test_only_columns_that_are_missing_are_called_so(tmp_path):
+    with pytest.raises(InputError, match=r"lacks H-Ell \(it has Week \(weeks\), GPSTime \(sec\)"):
+        read_track(grafnav(tmp_path, NAMES, UNITS))
+
+
+def test_one_moment_is_one_number_whatever_it_was_counted_from():
+    """An exposure at the first epoch of its track lies in it."""
+    second = 207010.137  # of the week: Tuesday 09:30:10.137
+    seconds = np.arange(2000) / 1000
+    by_week = on_one_day([gps_day(2371, second + more) for more in seconds])
+    by_clock = on_one_day([("2025-06-17", 34210.137 + more) for more in seconds])
+    assert by_week == by_clock
+
+
+@pytest.mark.parametrize("head", ["$PTNL,GGK,092942.00,061725", "$BDGGA,092942.00,4812.0,N"])
+def test_messages_of_any_receiver_are_called_messages(tmp_path, head):
+    path = tmp_path / "log.txt"
+    path.write_text(f"{head},4812.0,N,01606.0,E\n")
+    with pytest.raises(InputError, match="NMEA"):
+        read_track(path)
+
+
+def test_a_table_of_no_known_program_is_refused_with_the_way_on(tmp_path):
+    path = tmp_path / "ppp.pos"
+    path.write_text("DIR FRAME STN DAYofYEAR YEAR-MM-DD HR:MN:SS.SSS LATDD LATMN LATSS\n")
+    with pytest.raises(
+        InputError, match=r"write the columns of another program as the track.csv of a block"
+    ):
+        read_track(path)
