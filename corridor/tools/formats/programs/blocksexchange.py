@@ -130,8 +130,7 @@ class _Block:
         """East, north, up about the middle of places in a system that is no grid."""
         if self._system is None or known_crs(self._system).is_projected or not len(places):
             return None
-        lon, lat, _ = np.median(convert(places, self._system, GEOGRAPHIC), axis=0)
-        return Local(round(float(lat), 4), round(float(lon), 4), 0.0)
+        return _about(places, self._system)
 
     def _framed(self, places: np.ndarray, system: str | None) -> np.ndarray:
         """Places (n, 3) of a system in the project's frame."""
@@ -272,14 +271,24 @@ class _Block:
             if not np.isfinite(place).all():
                 self.notes.append(f"control point {name} has no full position: it is not control")
                 continue
+            own = self._system_of(part, system)
+            if self._system is None and own is not None and self.local is None:
+                # The poses of a local block come into the frame of its control later.
+                self.local = _about(np.array([place]), own)
             names.append(name)
-            places.append(self._framed(place, self._system_of(part, system))[0])
+            places.append(self._framed(place, own)[0])
             level = part.value("HorizontalAccuracy", np.nan)
             sigmas.append([level, level, part.value("VerticalAccuracy", np.nan)])
             check = (part.element.findtext("CheckPoint") or "").strip().lower() == "true"
             roles.append("check" if check else "control")
         ground = ground_table(names, np.array(places), np.array(sigmas), roles) if names else None
         return ground, Views.of(marks, "measurements")
+
+
+def _about(places: np.ndarray, system: str) -> Local:
+    """East, north, up about the middle of places (n, 3) of a system."""
+    lon, lat, _ = np.median(convert(places, system, GEOGRAPHIC), axis=0)
+    return Local(round(float(lat), 4), round(float(lon), 4), 0.0)
 
 
 def _place(element: Xml | None) -> list[float]:
