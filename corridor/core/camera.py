@@ -212,6 +212,14 @@ class Camera:
                 f"pixel_um = {pixel:g} is smaller than the waves of light: it is in micrometres, "
                 f"{pixel:g} mm are {1000 * pixel:g}"
             )
+        for name, size in (("cx", self.width), ("cy", self.height)):
+            middle = (size - 1) / 2
+            # Nearer to an edge than to the middle no lens is mounted.
+            if abs(self[name] - middle) > size / 4:
+                found.append(
+                    f"{name} = {self[name]:g} lies at the edge of the picture: it counts from the "
+                    f"centre of the top-left pixel, and the middle is {middle:g}"
+                )
         return found
 
     @property

@@ -522,7 +522,10 @@ def read(folder: str | os.PathLike | Block) -> Block:
         if not (folder / needed).is_file() and not (
             needed == "images.csv" and (folder / "images.parquet").is_file()
         ):
-            raise InputError(f"{folder}: {needed} is missing; give the folder of a block")
+            raise InputError(
+                f"{folder}: {needed} is missing; give the folder of a block "
+                "(`corridor import auto PROJECT -o BLOCK` makes one of another program's project)"
+            )
     settings = read_settings(folder)
     tables = {table: read_table(folder, table) for table in LAYOUTS}
     found = {table: pair for table, pair in tables.items() if pair is not None}

@@ -10,6 +10,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from textwrap import shorten
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -234,17 +235,20 @@ def outside_area(points: np.ndarray, crs: str, converted: bool = False) -> str:
     lon, lat = _lon_lat(x, y, system)
     if not (np.isfinite([lon, lat]).all() and abs(lat) <= 90 and abs(lon) <= 360):
         return shown.format("are not coordinates in")
-    area = system.area_of_use
+    level = system.sub_crs_list[0] if system.is_compound else system
+    area = level.area_of_use
     if area is None:
         return ""
-    told = system.utm_zone and (converted or area.south > _BEYOND_DEG)
+    told = level.utm_zone and (converted or area.south > _BEYOND_DEG)
     beyond = _BEYOND_UTM_DEG if told else _BEYOND_DEG
     east = (lon - area.west + beyond) % 360
     width = (area.east - area.west) % 360 or 360.0
     wide = width + 2 * beyond
     if area.south - 1 <= lat <= area.north + 1 and (east <= wide or wide >= 360):
         return ""
-    return f"{shown.format('lie outside')} ({area.name.rstrip('.')[:80]})"
+    return (
+        f"{shown.format('lie outside')} ({shorten(area.name.rstrip('.'), 80, placeholder=' ...')})"
+    )
 
 
 def _lon_lat(x: float, y: float, system: pyproj.CRS) -> tuple[float, float]:

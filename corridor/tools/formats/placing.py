@@ -509,7 +509,8 @@ def readout_of(photo: Metadata, height: int) -> tuple[float | None, str]:
         ).format(*photo.taken_size, told)
     # Published times count all rows, ours from the first to the last.
     readout = np.median(values) * 1e-3 * (height - 1) / height
-    mode = f", {found[0].mode}, the mode of its pictures" if len(found) < len(every) else ""
+    mode = found[0].mode if len(found) < len(every) else ""
+    mode = mode and f", {mode}, the mode of its pictures"
     return float(readout), f"published for {photo.model}{mode} ({found[0].source})"
 
 

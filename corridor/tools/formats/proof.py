@@ -146,6 +146,10 @@ def prove(project: Project) -> Proof:
     proof.decided = first[0]
     for kind, part in kinds:
         _gross(kind, part, lengths[kind], proof)
+        # A list of marks has an origin of its own.
+        if kind == "marks" != first[0] and proof.by_kind[kind].median <= MEDIAN_PX:
+            found = _alternatives(part, again=False)
+            proof.sentences += [f"of the marks, {told}" for told in found[:1]]
     proof.explained = _alternatives(first[1])
     if not proof.explained:
         _by_camera(first[1], block, proof)
