@@ -1,10 +1,11 @@
 """Tables of positions that are not as they should be: one sentence, and the same moment is one."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from corridor.core.errors import InputError
-from corridor.core.gnss import read_track
+from corridor.core.gnss import Exposures, Track, align, read_track
 from corridor.core.gnss.time import gps_day, on_one_day
 
 HEAD = "Project: x\nProgram: GrafNav Version 8.90\n\n"
@@ -52,3 +53,16 @@ def test_a_table_of_no_known_program_is_refused_with_the_way_on(tmp_path):
         InputError, match=r"write the columns of another program as the track.csv of a block"
     ):
         read_track(path)
+
+
+def test_seconds_since_1970_are_counted_from_there(tmp_path):
+    """10 s after the start of a track at 2025-06-17 09:30:00 GPS time, which is 18 s ahead."""
+    track = Track(
+        pd.DataFrame({"time_s": [34200.0, 34260.0], "x": 16.1, "y": 48.2, "z": 300.0}),
+        "2025-06-17", "GPST", "EPSG:4979", tmp_path / "a.pos",
+    )  # fmt: skip
+    taken = pd.DataFrame({"image": ["a"], "time_s": [1750152592.0]})
+    exposures = Exposures(taken, None, "UTC", None, tmp_path / "images.csv")
+    found = align(track, exposures)
+    assert taken["time_s"][0] + found.offset_s == 34210.0
+    assert any("from the start of 1970" in note for note in found.notes)
