@@ -62,6 +62,12 @@ class Local:
         lon_deg = (float(middle[0]) + 180) % 360 - 180
         return cls(round(float(middle[1]), 4), round(lon_deg, 4))
 
+    @classmethod
+    def amid(cls, places: np.ndarray, crs: str) -> Local:
+        """The same about the median of places (n, 3) in a CRS."""
+        lon_deg, lat_deg, _ = np.median(convert(places, crs, GEOGRAPHIC), axis=0)
+        return cls(round(float(lat_deg), 4), round(float(lon_deg), 4))
+
     @property
     def origin(self) -> tuple[float, float, float]:
         """Latitude and longitude in degrees, height in metres."""
@@ -186,8 +192,9 @@ def _no_way(points: np.ndarray, source: str, target: str) -> str:
     named, other = (_called(crs) for crs in (source, target))
     if grids:
         files = " ".join(f"--file {grid.removesuffix('.tif')}" for grid in grids)
+        needs = other if known_crs(target).is_compound else named
         return (
-            f"{named} needs {' and '.join(grids)}, which is not installed: `pyproj sync {files}` "
+            f"{needs} needs {' and '.join(grids)}, which is not installed: `pyproj sync {files}` "
             "fetches it; or give heights above the ellipsoid in a system without a vertical part"
         )
     return (

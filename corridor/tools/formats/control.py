@@ -28,7 +28,6 @@ from corridor.core.geometry import (
 from corridor.core.gnss import (
     GEOGRAPHIC,
     Local,
-    convert,
     known_crs,
     local_of,
 )
@@ -145,9 +144,8 @@ def _with_place(project: Project, ground: Ground) -> Project:
     if system.is_projected:
         offset = np.round(np.median(places, axis=0) / 100) * 100 * [1, 1, 0]
         return project.having(crs=ground.crs, offset=offset)
-    lon, lat, _ = np.median(convert(places, ground.crs, GEOGRAPHIC), axis=0)
-    local = Local(round(float(lat), 4), round(float(lon), 4), 0.0)
-    return project.having(extra={**block.extra, "local_frame": local_table(local)}, placed=False)
+    local = local_table(Local.amid(places, ground.crs))
+    return project.having(extra={**block.extra, "local_frame": local}, placed=False)
 
 
 # --- the pictures that marks were measured in ------------------------------------------------

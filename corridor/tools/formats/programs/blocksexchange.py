@@ -17,7 +17,7 @@ import pandas as pd
 
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_angles
-from corridor.core.gnss import GEOGRAPHIC, Local, convert, known_crs
+from corridor.core.gnss import Local, convert, known_crs
 from corridor.core.textfile import Xml
 from corridor.tools.formats.cameras import NoModel, in_the_middle, opencv_camera, where_known
 from corridor.tools.formats.project import Contents, Project, Views, ground_table
@@ -130,7 +130,7 @@ class _Block:
         """East, north, up about the middle of places in a system that is no grid."""
         if self._system is None or known_crs(self._system).is_projected or not len(places):
             return None
-        return _about(places, self._system)
+        return Local.amid(places, self._system)
 
     def _framed(self, places: np.ndarray, system: str | None) -> np.ndarray:
         """Places (n, 3) of a system in the project's frame."""
@@ -274,7 +274,7 @@ class _Block:
             own = self._system_of(part, system)
             if self._system is None and own is not None and self.local is None:
                 # The poses of a local block come into the frame of its control later.
-                self.local = _about(np.array([place]), own)
+                self.local = Local.amid(np.array([place]), own)
             names.append(name)
             places.append(self._framed(place, own)[0])
             level = part.value("HorizontalAccuracy", np.nan)
@@ -283,12 +283,6 @@ class _Block:
             roles.append("check" if check else "control")
         ground = ground_table(names, np.array(places), np.array(sigmas), roles) if names else None
         return ground, Views.of(marks, "measurements")
-
-
-def _about(places: np.ndarray, system: str) -> Local:
-    """East, north, up about the middle of places (n, 3) of a system."""
-    lon, lat, _ = np.median(convert(places, system, GEOGRAPHIC), axis=0)
-    return Local(round(float(lat), 4), round(float(lon), 4), 0.0)
 
 
 def _place(element: Xml | None) -> list[float]:
