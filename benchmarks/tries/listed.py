@@ -299,7 +299,7 @@ TRIES = (
     Try("272", _GNSS % ("ppp.pos", "flight.MRK"), 2, "as the track.csv of a block"),
     Try("273", "summary {w}/attitude_zero", 2, "row 2: the quaternion & length zero"),
     Try("274", "summary {w}/rig_alone", 0, "binds nothing"),
-    Try("275", "summary {w}/cx_middle", 0, "at the edge of the picture"),
+    Try("275", "summary {w}/cx_middle", 0, "looks counted from the middle"),
     Try("276", "summary {w}/metashape", 2, "corridor import auto"),
     Try("277", "change {w}/own {w}/own -o {o}/c", 0, "one block given twice"),
 )

@@ -213,12 +213,11 @@ class Camera:
                 f"{pixel:g} mm are {1000 * pixel:g}"
             )
         for name, size in (("cx", self.width), ("cy", self.height)):
-            middle = (size - 1) / 2
-            # Nearer to an edge than to the middle no lens is mounted.
-            if abs(self[name] - middle) > size / 4:
+            # Lenses are mounted to a few per cent of the picture.
+            if abs(self[name]) < 0.1 * size:
                 found.append(
-                    f"{name} = {self[name]:g} lies at the edge of the picture: it counts from the "
-                    f"centre of the top-left pixel, and the middle is {middle:g}"
+                    f"{name} = {self[name]:g} looks counted from the middle of the picture: the "
+                    f"centre of its top-left pixel is 0, the middle {(size - 1) / 2:g}"
                 )
         return found
 
