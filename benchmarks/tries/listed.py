@@ -296,7 +296,7 @@ TRIES = (
     Try("269", "import auto {w}/strange/half.files -o {o}/b", 2, "put half.psx beside"),
     Try("270", _GROUND % "../strange/external.csv", 2, "lists photographs"),
     Try("271", _GNSS % ("units.txt", "flight.MRK"), 2, "more units than columns"),
-    Try("272", _GNSS % ("ppp.pos", "flight.MRK"), 2, "as the track.csv of a block"),
+    Try("272", _GNSS % ("other.csv", "flight.MRK"), 2, "as the track.csv of a block"),
     Try("273", "summary {w}/attitude_zero", 2, "row 2: the quaternion & length zero"),
     Try("274", "summary {w}/rig_alone", 0, "binds nothing"),
     Try("275", "summary {w}/cx_middle", 0, "looks counted from the middle"),

@@ -664,8 +664,7 @@ def _strange(home: Path, grid: Block) -> None:
     _text(folder / "external.csv", "#name,x,y,alt", *rows)
     head = ["Project: x", "Program: GrafNav Version 8.90", "", "Week GPSTime Latitude"]
     _text(home / "gnss" / "units.txt", *head, "(weeks) (sec) (deg) (m) (m)", f"{WEEK} 1 49.0")
-    head = "DIR FRAME STN DAYofYEAR YEAR-MM-DD HR:MN:SS.SSS LATDD LATMN LATSS LONDD LONMN LONSS"
-    _text(home / "gnss" / "ppp.pos", head)
+    _text(home / "gnss" / "other.csv", "Timestamp,Lat,Lon,Alt,Quality", "1.5,49.0,8.5,160,Fixed")
     for name in ("attitude_zero", "rig_alone", "cx_middle"):
         shutil.copytree(home / "own", home / name, dirs_exist_ok=True)
     image = grid.images["image"].iloc[0]

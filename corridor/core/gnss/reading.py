@@ -40,8 +40,8 @@ _SBET = f"a trajectory of POSPac, which has no one form: write its columns {_WAY
 def read_track(path: str | Path) -> Track:
     """The track in a file; the format is told by the content.
 
-    RTKLIB .pos, GrafNav text, MicMac XML or text, track.csv (.parquet) of a block. A folder:
-    the track.csv in it. Text may be packed (.gz).
+    RTKLIB and CSRS-PPP .pos, GrafNav text, MicMac XML or text, track.csv (.parquet) of a block. A
+    folder: the track.csv in it. Text may be packed (.gz).
     Raises InputError, one sentence naming file, row and remedy.
     """
     path = Path(path)
