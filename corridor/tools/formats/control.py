@@ -216,15 +216,16 @@ def ground_seen(block: Block) -> Seen:
 # --- where the project lies ------------------------------------------------------------------
 
 
-def placed_by_own(project: Project) -> Project:
+def placed_by_own(project: Project, last: bool = False) -> Project:
     """A free reconstruction in the frame of the ground points or positions that it has itself.
 
     Where a frame on Earth is stated, these are in it and the poses are not; else both may be in
-    one, which marks show. What places nothing is left out.
+    one, which marks show; last: nothing else, as photographs, places it any more. What places
+    nothing is left out.
     """
     block = project.block
     apart, name = local_of(block) is not None, project.source.name
-    if project.placed or not (apart or len(block.ground)):
+    if project.placed or not (apart or last and len(block.ground)):
         return project
     if not np.isfinite(block.poses).all(axis=1).any():
         return project.having(placed=True)  # no pose is in another frame

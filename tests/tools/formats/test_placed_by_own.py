@@ -14,6 +14,7 @@ from corridor.tools.formats.frames import local_table
 from corridor.tools.formats.programs.metashape import chunk_of
 
 from .conftest import exact_block
+from .small_projects import _pix4d
 from .test_other_programs import blocks_exchange
 
 PLACE = Local(47.5, 8.7, 400.0)
@@ -113,3 +114,26 @@ def test_positions_of_photographs_are_no_ground_points(block, tmp_path):
     file.write_text("name,x,y,z\n" + "".join(f"{n},{x},{y},{z}\n" for n, (x, y, z) in rows))
     with pytest.raises(InputError, match="lists photographs"):
         complete(read_project(tmp_path / "block.xml"), Additions(ground=file))
+
+
+def test_an_offset_of_pix4d_that_was_not_copied_follows_from_its_other_poses(block, tmp_path):
+    """Else UTM would be the label of coordinates about 0."""
+    made = replace(block, extra={})
+    _pix4d(made, tmp_path)
+    offset = np.array([float(word) for word in (tmp_path / "s_offset.xyz").read_text().split()])
+    plain = read_project(tmp_path)
+    rows = [
+        f"{name} {x:.6f} {y:.6f} {z:.6f} 0 0 0"
+        for name, (x, y, z) in zip(
+            plain.block.images["image"],
+            plain.block.poses[:, :3] + plain.block.offset,
+            strict=True,
+        )
+    ]
+    (tmp_path / "s_offset.xyz").unlink()
+    assert not np.allclose(read_project(tmp_path).block.offset, plain.block.offset)
+    text = "\n".join(["imageName X Y Z Omega Phi Kappa", *rows])
+    (tmp_path / "s_calibrated_external_camera_parameters.txt").write_text(text + "\n")
+    again = read_project(tmp_path)
+    assert np.allclose(again.block.offset, plain.block.offset, atol=1e-5) and offset.any()
+    assert any("its offset is that of" in note for note in again.notes)
