@@ -332,3 +332,16 @@ def test_a_parquet_file_of_more_rows_than_bytes_is_refused_before_it_is_read(fol
     rows = pd.DataFrame({"point": "G1", "image": "007", "x": 1.0, "y": 2.0}, index=range(2_000_000))
     rows.to_parquet(folder / "marks.parquet")
     assert "marks.parquet says that it has 2,000,000 rows, more than bytes" in fault(folder)
+
+
+def test_an_attitude_of_length_zero_is_refused_as_a_pose_is():
+    """A traceback of SciPy before."""
+    attitudes = pd.DataFrame({"image": ["a"], "qw": 0.0, "qx": 0.0, "qy": 0.0, "qz": 0.0})
+    with pytest.raises(InputError, match=r"attitudes\.csv, row 2: the quaternion .* length zero"):
+        small(attitudes=attitudes).check()
+
+
+def test_a_header_of_attitudes_that_is_not_known_is_shown():
+    attitudes = pd.DataFrame({"image": ["a"], "roll_deg": 0.0, "pitch_deg": 0.0, "yaw_deg": 0.0})
+    with pytest.raises(InputError, match=r"it has image, roll_deg, pitch_deg, yaw_deg"):
+        small(attitudes=attitudes).check()

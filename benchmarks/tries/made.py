@@ -102,6 +102,7 @@ def make(home: Path, short: bool = False) -> None:
     _photographs(home, block)
     _readouts(home, short)
     _series(home / "thermal")
+    _strange(home, grid)
 
 
 def flight(plan: Path) -> Block:
@@ -645,3 +646,31 @@ def _series(folder: Path) -> None:
     _text(folder / "series.csv", "image;temperature_c", "a.png;20")
     (folder / "none").mkdir(exist_ok=True)
     (folder / "none" / "about.json").write_text(json.dumps({}), encoding="utf-8")
+
+
+def _strange(home: Path, grid: Block) -> None:
+    """What is no project, no track or no sound block, as people have it lying about."""
+    folder = home / "strange"
+    (folder / "heic").mkdir(parents=True, exist_ok=True)
+    (folder / "half.files").mkdir(exist_ok=True)
+    (folder / "heic" / "IMG_0001.HEIC").write_bytes(b"\0\0\0\x18ftypheic")
+    (folder / "half.files" / "project.zip").write_bytes(b"PK")
+    _text(folder / "river.rspj", "{}")
+    _text(folder / "image.dat", "1 153.0", "1001 10.5 -3.2", "-99")
+    rows = [
+        ",".join([name, *(f"{v:.3f}" for v in pose[:3])])
+        for name, pose in zip(grid.images["image"], grid.poses, strict=True)
+    ]
+    _text(folder / "external.csv", "#name,x,y,alt", *rows)
+    head = ["Project: x", "Program: GrafNav Version 8.90", "", "Week GPSTime Latitude"]
+    _text(home / "gnss" / "units.txt", *head, "(weeks) (sec) (deg) (m) (m)", f"{WEEK} 1 49.0")
+    _text(home / "gnss" / "other.csv", "Timestamp,Lat,Lon,Alt,Quality", "1.5,49.0,8.5,160,Fixed")
+    for name in ("attitude_zero", "rig_alone", "cx_middle"):
+        shutil.copytree(home / "own", home / name, dirs_exist_ok=True)
+    image = grid.images["image"].iloc[0]
+    _text(home / "attitude_zero" / "attitudes.csv", "image,qw,qx,qy,qz", f"{image},0,0,0,0")
+    with (home / "rig_alone" / "block.toml").open("a", encoding="utf-8") as file:
+        file.write("[camera.side]\nwidth = 1056\nheight = 792\nf = 976.0\n")
+        file.write('[rig.head]\nbase = "M3E"\n[rig.head.member.side]\n')
+    path = home / "cx_middle" / "block.toml"
+    path.write_text(re.sub(r"cx = .*", "cx = 1.5", path.read_text(encoding="utf-8")))

@@ -212,6 +212,13 @@ class Camera:
                 f"pixel_um = {pixel:g} is smaller than the waves of light: it is in micrometres, "
                 f"{pixel:g} mm are {1000 * pixel:g}"
             )
+        for name, size in (("cx", self.width), ("cy", self.height)):
+            # Lenses are mounted to a few per cent of the picture.
+            if abs(self[name]) < 0.1 * size:
+                found.append(
+                    f"{name} = {self[name]:g} looks counted from the middle of the picture: the "
+                    f"centre of its top-left pixel is 0, the middle {(size - 1) / 2:g}"
+                )
         return found
 
     @property

@@ -303,7 +303,11 @@ class Xml:
         if b"<!ENTITY" in data:
             raise InputError(f"{path.name} defines XML entities; export the project again")
         try:
-            return cls(ElementTree.fromstring(data), path)
+            root = ElementTree.fromstring(data)
+            # What a program calls its namespace tells nothing.
+            for element in root.iter() if b"xmlns" in data else ():
+                element.tag = element.tag.rpartition("}")[2]
+            return cls(root, path)
         except (ElementTree.ParseError, LookupError, ValueError) as error:
             line = getattr(error, "position", (0,))[0]
             reason = str(error).partition(":")[0]

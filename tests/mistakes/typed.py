@@ -234,7 +234,7 @@ VERBS = {
         ("import auto EMPTY -o OUT --size big", 2, "big"),
         ("import auto EMPTY -o OUT --share 0", 2, "'0'"),
         ("import auto EMPTY -o OUT --form xlsx", 2, "--form: 'xlsx' is unknown"),
-        ("import auto EMPTY -o FULL", 2, "EMPTY is not a project"),
+        ("import auto EMPTY -o FULL", 2, "EMPTY is a folder without files"),
     ],
     "readout": [
         ("readout", 2, "required: TARGET"),

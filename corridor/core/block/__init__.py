@@ -33,6 +33,7 @@ from corridor.core.block.rigs import (
     mountings_of,
     relative,
     rigs_of,
+    seen_together,
     with_rigid_poses,
 )
 from corridor.core.block.settings import SIGMA

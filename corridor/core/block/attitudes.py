@@ -35,7 +35,8 @@ def form_of(block) -> tuple[str, ...]:
     if len(forms) != 1:
         options = "; or ".join(", ".join(form) for form in (*ANGLES, QUATERNION))
         raise InputError(f"attitudes.csv has {'several forms' if forms else 'no whole form'} of "
-                         f"an attitude: keep one of {options}")  # fmt: skip
+                         f"an attitude (it has {', '.join(table)}): keep one of {options}, in "
+                         "degrees")  # fmt: skip
     return forms[0]
 
 

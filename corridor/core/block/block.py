@@ -16,7 +16,7 @@ from corridor.core.block import checking, writing
 from corridor.core.block.attitudes import put_rotations, rotations
 from corridor.core.block.correlation import RHO
 from corridor.core.block.reading import place, read_table
-from corridor.core.block.rigs import EXPOSURE, members_of, without_cameras
+from corridor.core.block.rigs import exposures_of, members_of, without_cameras
 from corridor.core.block.settings import FILE, SIGMA, read_settings
 from corridor.core.block.summary import Summary, summarise
 from corridor.core.block.tables import (
@@ -111,7 +111,7 @@ class Block:
         """Whether a column such as `images.time_s` is there with at least one known value.
 
         `camera.readout_s`: whether a camera states it. `rig.member`: whether cameras hang together
-        and exposures are named. `gnss`: whether the table has rows.
+        and took images together. `gnss`: whether the table has rows.
         `effect.SLUG.KEY`: whether block.toml states that constant.
         """
         table, _, name = column.partition(".")
@@ -119,7 +119,7 @@ class Block:
             slug, _, key = name.partition(".")
             return key in self.constants.get(slug, {})
         if table == "rig":
-            return bool(members_of(self)) and self.has(f"images.{EXPOSURE}")
+            return bool(members_of(self)) and len(exposures_of(self).member) > 0
         if table == "camera":
             return any(
                 getattr(camera, name, camera.extra.get(name)) is not None
@@ -522,7 +522,10 @@ def read(folder: str | os.PathLike | Block) -> Block:
         if not (folder / needed).is_file() and not (
             needed == "images.csv" and (folder / "images.parquet").is_file()
         ):
-            raise InputError(f"{folder}: {needed} is missing; give the folder of a block")
+            raise InputError(
+                f"{folder}: {needed} is missing; give the folder of a block "
+                "(`corridor import auto PROJECT -o BLOCK` makes one of another program's project)"
+            )
     settings = read_settings(folder)
     tables = {table: read_table(folder, table) for table in LAYOUTS}
     found = {table: pair for table, pair in tables.items() if pair is not None}

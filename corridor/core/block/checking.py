@@ -201,12 +201,14 @@ def _images(block) -> None:
     _whole(block, "images", POSE, "the pose", remedy)
     _whole(block, "images", VELOCITY, "the velocity")
     _whole(block, "images", RATES, "the angular rate")
-    if set(QUATERNION) <= set(images.columns):
-        length = np.linalg.norm([images[name].to_numpy() for name in QUATERNION], axis=0)
-        remedy = "give a unit quaternion or leave the pose empty"
+    for table, frame in (("images", images), ("attitudes", block.attitudes)):
+        if not set(QUATERNION) <= set(frame.columns):
+            continue
+        length = np.linalg.norm([frame[name].to_numpy(float) for name in QUATERNION], axis=0)
+        remedy = "give a unit quaternion or leave its four cells empty"
         for wrong, shown in ((length == 0, "zero"), (np.abs(length - 1) > 0.01, "{length:.6g}")):
             fault = f"the quaternion qw, qx, qy, qz has length {shown}"
-            _refuse(block, "images", wrong, fault, remedy, length=length)
+            _refuse(block, table, wrong, fault, remedy, length=length)
     # A camera does not take two images of one flight at once, whatever the other cameras do.
     time = block.column("images", "time_s")
     known = np.flatnonzero(~np.isnan(time))

@@ -176,8 +176,9 @@ def as_mounted(block) -> bool:
     return all(bool((np.abs(one) < _NEAR).all()) for one in off)
 
 
-def _seen(block, rig: str, base: str, camera: str) -> tuple[np.ndarray, np.ndarray]:
-    """Mean place and rotation of a member against the base, by the start poses."""
+def seen_together(block, base: str, camera: str) -> tuple[np.ndarray, np.ndarray]:
+    """Places (n, 3) and rotations (n, 3, 3) of a member against the base, by the start poses of
+    each exposure that has both."""
     both, names = exposures_of(block), block.images["camera"].to_numpy(object)
     mine = (names[both.base] == base) & (names[both.member] == camera)
     centre, turned = block.poses[:, :3], rotation_from_quaternion(block.poses[:, 3:])
@@ -185,12 +186,18 @@ def _seen(block, rig: str, base: str, camera: str) -> tuple[np.ndarray, np.ndarr
     place = np.einsum("nij,nj->ni", turned[i], centre[j] - centre[i])
     against = turned[j] @ turned[i].transpose(0, 2, 1)
     known = np.isfinite(place).all(axis=1) & np.isfinite(against).all(axis=(1, 2))
-    if not known.any():
+    return place[known], against[known]
+
+
+def _seen(block, rig: str, base: str, camera: str) -> tuple[np.ndarray, np.ndarray]:
+    """Median place and mean rotation of a member against the base, by the start poses."""
+    place, against = seen_together(block, base, camera)
+    if not len(place):
         raise InputError(
             f"block.toml: [rig.{rig}.member.{camera}] has no xyz and quaternion, and no exposure "
             f"has start poses of both {base} and {camera}: give one of the two"
         )
-    return np.median(place[known], axis=0), nearest_rotation(against[known].sum(axis=0))
+    return np.median(place, axis=0), nearest_rotation(against.sum(axis=0))
 
 
 def without_cameras(extra: dict, lost: set[str]) -> dict:

@@ -98,18 +98,20 @@ def _offset(track, exposures, systems, time, notes) -> float:
         )
     if track.day and exposures.day:
         return offset + DAY_S * days_between(track.day, exposures.day)
-    # Without a date the seconds count from the other's midnight, or from the start of its week.
+    # Without a date the seconds count from the other's midnight, the start of its week, or 1970.
     dated, bare = (track, exposures) if track.day else (exposures, track)
-    sunday = 0.0
+    sunday = unix = 0.0
     if dated.day:
         sunday = DAY_S * (days_between("1980-01-06", dated.day) % 7)
-    for shift, origin in ((0.0, "its day"), (sunday, "its week")):
+        unix = DAY_S * days_between("1970-01-01", dated.day)
+    origins = ((0.0, f"its day {dated.day}"), (sunday, f"its week {dated.day}"), (unix, "1970"))
+    for shift, origin in origins:
         shifted = offset + (-shift if bare is exposures else shift)
         if _inside(track, time + shifted).any():
             if dated.day:
                 notes.append(
                     f"{bare.source.name} states no date: its seconds were counted from the start "
-                    f"of {origin} {dated.day}"
+                    f"of {origin}"
                 )
             return shifted
     return offset
@@ -130,7 +132,7 @@ def _check_overlap(track, exposures, systems, time, bare, notes) -> None:
         outside = np.maximum(track.start - time, time - track.end).max()
         note = (
             f"{int((~inside).sum())} of {len(time)} images lie outside {name}, by up to "
-            f"{outside:.3g} s"
+            f"{max(outside, 0.001):.6g} s"
         )
         fits = [shift for shift in (leap, -leap) if _inside(track, time + shift).all()]
         if fits:

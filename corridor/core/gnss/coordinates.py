@@ -10,6 +10,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from textwrap import shorten
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -60,6 +61,12 @@ class Local:
         middle = (geographic.min(axis=0) + geographic.max(axis=0)) / 2
         lon_deg = (float(middle[0]) + 180) % 360 - 180
         return cls(round(float(middle[1]), 4), round(lon_deg, 4))
+
+    @classmethod
+    def amid(cls, places: np.ndarray, crs: str) -> Local:
+        """The same about the median of places (n, 3) in a CRS."""
+        lon_deg, lat_deg, _ = np.median(convert(places, crs, GEOGRAPHIC), axis=0)
+        return cls(round(float(lat_deg), 4), round(float(lon_deg), 4))
 
     @property
     def origin(self) -> tuple[float, float, float]:
@@ -185,8 +192,9 @@ def _no_way(points: np.ndarray, source: str, target: str) -> str:
     named, other = (_called(crs) for crs in (source, target))
     if grids:
         files = " ".join(f"--file {grid.removesuffix('.tif')}" for grid in grids)
+        needs = other if known_crs(target).is_compound else named
         return (
-            f"{named} needs {' and '.join(grids)}, which is not installed: `pyproj sync {files}` "
+            f"{needs} needs {' and '.join(grids)}, which is not installed: `pyproj sync {files}` "
             "fetches it; or give heights above the ellipsoid in a system without a vertical part"
         )
     return (
@@ -234,17 +242,20 @@ def outside_area(points: np.ndarray, crs: str, converted: bool = False) -> str:
     lon, lat = _lon_lat(x, y, system)
     if not (np.isfinite([lon, lat]).all() and abs(lat) <= 90 and abs(lon) <= 360):
         return shown.format("are not coordinates in")
-    area = system.area_of_use
+    level = system.sub_crs_list[0] if system.is_compound else system
+    area = level.area_of_use
     if area is None:
         return ""
-    told = system.utm_zone and (converted or area.south > _BEYOND_DEG)
+    told = level.utm_zone and (converted or area.south > _BEYOND_DEG)
     beyond = _BEYOND_UTM_DEG if told else _BEYOND_DEG
     east = (lon - area.west + beyond) % 360
     width = (area.east - area.west) % 360 or 360.0
     wide = width + 2 * beyond
     if area.south - 1 <= lat <= area.north + 1 and (east <= wide or wide >= 360):
         return ""
-    return f"{shown.format('lie outside')} ({area.name.rstrip('.')[:80]})"
+    return (
+        f"{shown.format('lie outside')} ({shorten(area.name.rstrip('.'), 80, placeholder=' ...')})"
+    )
 
 
 def _lon_lat(x: float, y: float, system: pyproj.CRS) -> tuple[float, float]:

@@ -80,8 +80,7 @@ def about_the_middle(block: Block) -> Local:
     places = places_of(block)
     known = places[np.isfinite(places).all(axis=1)]
     middle = (known.min(axis=0) + known.max(axis=0)) / 2 + block.offset
-    lon, lat, _ = convert(middle[None], block.crs, GEOGRAPHIC)[0]
-    return Local(round(float(lat), 4), round(float(lon), 4), 0.0)
+    return Local.amid(middle[None], block.crs)
 
 
 def places_of(block: Block) -> np.ndarray:

@@ -27,24 +27,21 @@ _RAW = {
     "NAVIGATION DATA": "orbits of satellites (RINEX)",
     "GNSS NAV DATA": "orbits of satellites (RINEX)",
     "COMPACT RINEX": "a receiver's observations (RINEX, packed)",
-    "$GP": "a receiver's messages (NMEA)",
-    "$GN": "a receiver's messages (NMEA)",
     # Binary ones begin so.
     "\xb5b": "a receiver's raw data (u-blox UBX)",
     "$@": "a receiver's raw data (Septentrio SBF)",
     "\xd3\0": "a receiver's raw data (RTCM)",
 }
-_SBET = (
-    "a trajectory of POSPac, which has no one form: write its columns as the track.csv of a block "
-    "(time_s, x, y, z, sx, sy, sz), and name that"
-)
+_NMEA = re.compile(r"(?m)^\$[A-Z]{4,5},")
+_WAY_ON = "as the track.csv of a block (time_s, x, y, z, sx, sy, sz in metres), and name that"
+_SBET = f"a trajectory of POSPac, which has no one form: write its columns {_WAY_ON}"
 
 
 def read_track(path: str | Path) -> Track:
     """The track in a file; the format is told by the content.
 
-    RTKLIB .pos, GrafNav text, MicMac XML or text, track.csv (.parquet) of a block. A folder:
-    the track.csv in it. Text may be packed (.gz).
+    RTKLIB and CSRS-PPP .pos, GrafNav text, MicMac XML or text, track.csv (.parquet) of a block. A
+    folder: the track.csv in it. Text may be packed (.gz).
     Raises InputError, one sentence naming file, row and remedy.
     """
     path = Path(path)
@@ -119,7 +116,8 @@ def _read(path: Path) -> Track | Exposures:
     for module in _formats():
         if module.recognise(head):
             return module.read(path)
-    for sign, what in _RAW.items():
+    told = {**_RAW, **dict.fromkeys(_NMEA.findall(head), "a receiver's messages (NMEA)")}
+    for sign, what in told.items():
         if sign in head:
             raise InputError(
                 f"{path.name} holds {what}, no positions; process it (RTKLIB, Emlid Studio, "
@@ -129,7 +127,8 @@ def _read(path: Path) -> Track | Exposures:
         raise InputError(f"{path.name} is {_SBET}")
     titles = ", ".join(module.TITLE for module in _formats())
     raise InputError(
-        f"{path.name} is in no format that is known, or its header is missing; give {titles}"
+        f"{path.name} is in no format that is known, or its header is missing; give "
+        f"{titles}; write the columns of another program {_WAY_ON}"
     )
 
 

@@ -104,13 +104,16 @@ def day_after(day: str) -> str:
 
 
 def on_one_day(stamps: Sequence[tuple[str, float]]) -> tuple[str, list[float]]:
-    """The first stamp's day, and all stamps as seconds since its 00:00."""
+    """The first stamp's day, and all stamps as seconds since its 00:00.
+
+    To the nanosecond: the same moment is the same number, whatever it was counted from.
+    """
     first = stamps[0][0]
     days: dict[str, float] = {}
     for day, _ in stamps:
         if day not in days:
             days[day] = DAY_S * days_between(first, day)
-    return first, [days[day] + seconds for day, seconds in stamps]
+    return first, [round(days[day] + seconds, 9) for day, seconds in stamps]
 
 
 def clock(seconds: float) -> str:

@@ -108,7 +108,12 @@ def photographs_in(folder: Path) -> list[Path]:
     pictures = {file.with_suffix("") for file in found if file not in raw}
     found = [file for file in found if file not in raw or file.with_suffix("") not in pictures]
     if not found:
-        raise InputError(f"{folder} holds no photograph ({', '.join(SUFFIXES)}); name another")
+        others = sorted({file.suffix.lower() for file in folder.rglob("*") if file.suffix})
+        has = f", but {', '.join(others[:5])}" if others else ""
+        raise InputError(
+            f"{folder} holds no photograph ({', '.join(SUFFIXES)}){has}; convert pictures to JPEG "
+            "with their EXIF, or name another"
+        )
     return found
 
 

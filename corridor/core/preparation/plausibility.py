@@ -20,6 +20,7 @@ from corridor.core.geometry import (
 from corridor.core.output import counted
 from corridor.core.preparation.half_turns import AsPosed, as_posed, turned_images
 from corridor.core.preparation.plausibility_of_motion import motion_warnings
+from corridor.core.preparation.plausibility_of_rigs import rig_warnings
 from corridor.core.preparation.plausibility_on_earth import earth_warnings
 
 # Observations outside their picture: a few are bad matches, which are named one by one.
@@ -70,6 +71,7 @@ def plausibility_warnings(block: Block) -> list[str]:
         *without_impossible_points(block)[1],
         *_settings(block),
         *_units(block),
+        *rig_warnings(block),
         *_passed_over(block),
         *motion_warnings(block),
     ]

@@ -56,6 +56,31 @@ class Objection:
 # --- given coordinates -------------------------------------------------------------------------
 
 
+def slips(before: Block, after: Block) -> Iterator[str]:
+    """That one block is given twice, and that points have other names at the second date."""
+    first, second = (block.tie_points[["x", "y"]].to_numpy() for block in (before, after))
+    if len(first) and np.array_equal(first, second):
+        yield (
+            "The two dates have the same image measurements: it is one block given twice, so "
+            "nothing can have moved. Name the folders of two flights."
+        )
+    sides = [block.ground[block.ground["role"] != "unused"] for block in (before, after)]
+    names = [set(side["point"]) for side in sides]
+    places = [side[["x", "y", "z"]].to_numpy(float) for side in sides]
+    called = {}
+    for name, place in zip(sides[1]["point"], places[1], strict=True):
+        near = np.flatnonzero((np.abs(places[0] - place) <= SAME_M).all(axis=1))
+        other = str(sides[0]["point"].iloc[near[0]]) if len(near) else name
+        if name not in names[0] and other not in names[1]:
+            called[other] = str(name)
+    if called:
+        told = some([f"{old} is {new}" for old, new in called.items()], 3)
+        yield (
+            f"{counted(len(called), 'ground point')} of the first date have another name at the "
+            f"second ({told}): points are compared by their names. Give each one name."
+        )
+
+
 @dataclass(frozen=True)
 class Coordinates:
     """Given coordinates (k, 3), m, of ground points of both dates, second minus first.

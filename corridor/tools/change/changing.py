@@ -23,6 +23,7 @@ from corridor.tools.change.admission import (
     Objection,
     held_apart,
     misfits,
+    slips,
     strange_effects,
 )
 from corridor.tools.change.comparison import (
@@ -104,7 +105,8 @@ def change(
         run.asked = asked = replace(asked, datum=usual_datum(adjusted))
     check_datum(*adjusted, asked.datum)
     compared = run.apart(adjusted)
-    gained, notes = None, [] if surveys is None else list(surveys.notes())
+    gained, notes = None, list(slips(*blocks))
+    notes += [] if surveys is None else surveys.notes()
     if asked.together:
         run.stable = _stable_names(compared, asked.stable)
         notes.append(_told(run.stable, asked.same_camera))

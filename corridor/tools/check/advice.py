@@ -13,6 +13,8 @@ from corridor.core.output import counted, millimetres, significant
 _SIGNIFICANT = 2.0
 # Without these nothing is projected: they are estimated wherever they can be.
 _ALWAYS = ("f", "cx", "cy")
+# A standard deviation of r spare observations is good to 1 / root(2 r): to a half from here on.
+_LEAST_SPARE = 2.0
 _RESIDUALS = {"tie": "tie points", "mark": "marks"}
 
 
@@ -49,9 +51,9 @@ class ProgramSettings:
         named = [one for one in (found or {}).get("effects") or [] if one.get("class") == "named"]
         observed = adjustment["observations"]
         image = {
-            said: float(observed[kind]["rms"])
+            said: float(observed[kind]["rms"]) * more
             for kind, said in _RESIDUALS.items()
-            if observed.get(kind, {}).get("rms")
+            if observed.get(kind, {}).get("rms") and (more := _more(adjustment, kind))
         }
         arms = {
             flight: [(arm[axis]["value"], arm[axis]["sigma"]) for axis in "xyz"]
@@ -61,7 +63,7 @@ class ProgramSettings:
         return cls(
             cameras=cameras,
             image=image,
-            positions=_positions(observed.get("gnss"), block),
+            positions=_positions(adjustment, block),
             arms=arms,
             without=[str(one["point"]) for one in named if "point" in one],
             effects=[one["slug"] for one in named if "point" not in one],
@@ -110,16 +112,31 @@ class ProgramSettings:
         return out
 
 
-def _positions(gnss: dict | None, block: Block) -> tuple[float, float] | None:
-    """Accuracy of positions, m: the residuals, and what the block states where that is more."""
+def _more(adjustment: dict, kind: str, part: str = "") -> float | None:
+    """Standard deviation of a kind of measurements over the RMS of its residuals.
+
+    Root of n / r, as residuals are smaller than errors; None where r says too little.
+    """
+    rows = [one for one in adjustment.get("variance_components") or []
+            if one["kind"] == kind and one["part"] == part]  # fmt: skip
+    spare = sum(float(one["redundancy"] or 0.0) for one in rows)
+    return math.sqrt(sum(one["count"] for one in rows) / spare) if spare >= _LEAST_SPARE else None
+
+
+def _positions(adjustment: dict, block: Block) -> tuple[float, float] | None:
+    """Accuracy of positions, m: by the residuals, and what the block states where that is more or
+    residuals say nothing."""
+    gnss = adjustment["observations"].get("gnss")
     if not gnss or not gnss.get("rms") or not len(block.gnss):
         return None
     rms = [float(value or 0.0) for value in gnss["rms"]]
-    level, up = math.hypot(*rms[:2]) / math.sqrt(2), rms[2]
-    if {"sx", "sy", "sz"} <= set(block.gnss):
-        stated = [float(value) for value in np.nanmedian(block.gnss_sigma(), axis=0)]
-        level, up = max(*stated[:2], level), max(stated[2], up)
-    return level, up
+    level, up = _more(adjustment, "gnss", "plan"), _more(adjustment, "gnss", "height")
+    found = [level and level * math.hypot(*rms[:2]) / math.sqrt(2), up and up * rms[2]]
+    stated = [float(value) for value in np.nanmedian(block.gnss_sigma(), axis=0)]
+    own = {"sx", "sy", "sz"} <= set(block.gnss)
+    both = zip(found, (max(stated[:2]), stated[2]), strict=True)
+    level, up = (b if a is None else max(a, b * own) for a, b in both)
+    return (level, up) if math.isfinite(level + up) else None
 
 
 def verdict_of(final: dict, found: dict | None, required: float | None) -> tuple[str, str]:

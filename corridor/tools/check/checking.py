@@ -417,8 +417,11 @@ def _told(final: dict, found: dict | None, imported: dict, home: Path):
     wrong += final.get("warnings") or []
     wrong += [final["own"]] if final.get("own") else []
     wrong += [f"{told[0].upper()}{told[1:].rstrip('.')}." for told in imported["warnings"]]
-    actions = list((found or {}).get("actions") or []) or list(final.get("actions") or [])
-    put = {"BLOCK": str(home.parent / "block"), "OUT/": f"{home.parent}/missing/"}
+    asked = (found or {}).get("actions") or []
+    actions = list(asked or final.get("actions") or [])
+    # Each speaks of what lies beside its own page.
+    of = home.with_name("missing") if asked else home
+    put = {"BLOCK": str(home.parent / "block"), "OUT/": f"{of}/"}
     for old, new in put.items():
         actions = [action.replace(old, new) for action in actions]
     return list(dict.fromkeys(wrong)), actions

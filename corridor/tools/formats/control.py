@@ -28,7 +28,6 @@ from corridor.core.geometry import (
 from corridor.core.gnss import (
     GEOGRAPHIC,
     Local,
-    convert,
     known_crs,
     local_of,
 )
@@ -81,6 +80,12 @@ def add_ground(
             raise InputError(f"{path.name} is {told}")
         ground = read_ground(path, project.block)
         ground = called_as_marked(ground, project.block)
+        listed = [] if ground.table is None else list(ground.table["point"])
+        if listed and set(listed) <= set(project.block.images["image"]):
+            raise InputError(
+                f"{path.name} lists photographs ({some(listed, 3)}), so it is no list of ground "
+                "points; leave it out"
+            )
         if ground.unit and (crs is None or known_crs(crs).axis_info[0].unit_conversion_factor == 1):
             raise InputError(
                 f"{path.name}: its header gives the coordinates in {ground.unit}; write them in "
@@ -139,9 +144,8 @@ def _with_place(project: Project, ground: Ground) -> Project:
     if system.is_projected:
         offset = np.round(np.median(places, axis=0) / 100) * 100 * [1, 1, 0]
         return project.having(crs=ground.crs, offset=offset)
-    lon, lat, _ = np.median(convert(places, ground.crs, GEOGRAPHIC), axis=0)
-    local = Local(round(float(lat), 4), round(float(lon), 4), 0.0)
-    return project.having(extra={**block.extra, "local_frame": local_table(local)}, placed=False)
+    local = local_table(Local.amid(places, ground.crs))
+    return project.having(extra={**block.extra, "local_frame": local}, placed=False)
 
 
 # --- the pictures that marks were measured in ------------------------------------------------
@@ -212,17 +216,64 @@ def ground_seen(block: Block) -> Seen:
 # --- where the project lies ------------------------------------------------------------------
 
 
+def placed_by_own(project: Project, last: bool = False) -> Project:
+    """A free reconstruction in the frame of the ground points or positions that it has itself.
+
+    Where a frame on Earth is stated, these are in it and the poses are not; else both may be in
+    one, which marks show; last: nothing else, as photographs, places it any more. What places
+    nothing is left out.
+    """
+    block = project.block
+    apart, name = local_of(block) is not None, project.source.name
+    if project.placed or not (apart or last and len(block.ground)):
+        return project
+    if not np.isfinite(block.poses).all(axis=1).any():
+        return project.having(placed=True)  # no pose is in another frame
+    if len(block.ground) and len(block.marks):
+        seen = ground_seen(block)
+        if not apart and len(seen.names) >= _LEAST_POINTS and _in_pixels(block) <= LARGE_PX:
+            told = f"the frame is that of its {len(seen.names)} ground points, as their marks show"
+            return project.having(placed=True, notes=[told])
+        made = _placed(project, name)
+        if made.placed or not len(block.gnss):
+            return made.having(description="") if made.placed else made
+    if not apart:
+        return project
+    rows, given = block.image_rows("gnss"), block.numbers("gnss", *XYZ)
+    met = block.poses[rows, :3]
+    good = np.isfinite(met).all(axis=1) & np.isfinite(given).all(axis=1)
+    names = block.gnss["image"].to_numpy()[good].astype(str).tolist()
+    found = _robust(Seen(names, given[good], met[good], np.zeros(len(names))))
+    if found is None:
+        return _in_no_frame(project, f"the positions of {name} do not place it")
+    move, away = found
+    told = (
+        f"placed by {len(names)} positions of {name}: scale {move.scale:.6g}, camera centres "
+        f"{np.median(away):.2g} m (median) from them"
+    )
+    return moved_by(project, move).having(placed=True, notes=[told], description="")
+
+
+def _in_no_frame(project: Project, why: str) -> Project:
+    """The project in the frame of its poses, without what is in another."""
+    block = project.block
+    extra = {key: value for key, value in block.extra.items() if key != "local_frame"}
+    told = f"the project stays in its own frame: {why}"
+    project = project.having(crs=None, extra=extra, warnings=[told])
+    if local_of(block) is None:
+        return project
+    return project.having(ground=block.ground.iloc[:0], gnss=block.gnss.iloc[:0])
+
+
 def _placed(project: Project, name: str) -> Project:
     """A free reconstruction turned, scaled and shifted onto ground control."""
     seen = ground_seen(project.block)
     found = _robust(seen)
     if found is None:
-        return project.having(
-            crs=None,
-            warnings=[
-                f"the project stays in its own frame: {name} has {len(seen.names)} points that two "
-                "images or more show, and a frame needs three that do not lie on one line"
-            ],
+        return _in_no_frame(
+            project,
+            f"{name} has {len(seen.names)} points that two images or more show, and a frame needs "
+            "three that do not lie on one line",
         )
     move, away = found
     # Where few or narrow rays meet is uncertain along them, and says nothing against a point.

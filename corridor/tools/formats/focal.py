@@ -53,11 +53,15 @@ def stated_focal(photo: Metadata, width: int | None = None) -> StatedFocal | Non
         said = StatedFocal(photo.focal_mm * photo.pixels_per_mm / taken, "EXIF's", _NOMINAL)
     else:
         return None
-    # Of the picture's long side; beyond this it is no lens of a survey but a mistake.
-    if not 0.2 < said.px < 20:
+    if not of_a_lens(said.px):
         return None
     px = said.px * width
     return said._replace(px=px, sigma_px=said.sigma_px * px)
+
+
+def of_a_lens(focal: float) -> bool:
+    """Whether a focal length, of the picture's long side, is of a lens of a survey, no mistake."""
+    return 0.2 < focal < 20
 
 
 def _dewarp(photo: Metadata) -> float | None:

@@ -18,7 +18,7 @@ from corridor.core.output import Progress, Report, Table, png, silent, telling, 
 from corridor.core.photographs import photographs_in, read_metadata
 from corridor.core.preparation import AGREES, Witness, derived, derived_table
 from corridor.tools.formats.attitudes import with_attitudes
-from corridor.tools.formats.control import add_ground, marks_refused
+from corridor.tools.formats.control import add_ground, marks_refused, placed_by_own
 from corridor.tools.formats.delay import with_delay_told
 from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.frames import moved
@@ -335,7 +335,7 @@ def complete(project: Project, added: Additions, say: Callable[..., None] = sile
     if added.ground is not None:
         project = add_ground(project, added.ground, photos, added.ground_crs)
     # Only now is it known in which frame the project is.
-    project = in_own_frame(with_motion(project, photos))
+    project = in_own_frame(with_motion(placed_by_own(project, last=True), photos))
     if photos and len(project.block.gnss) and added.track is None:
         project = with_delay_told(project)
     # Marks are measured in the pictures as they lie there: only now can all be turned back.

@@ -1,15 +1,18 @@
 """Why photographs could not be joined to the others, by what they say of themselves."""
 
+from collections.abc import Iterator
+
 import numpy as np
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial.distance import pdist, squareform
 
 from corridor.core.block import Block
-from corridor.core.photographs import Metadata
+from corridor.core.photographs import FAULTS, Metadata, fault, open_picture
 from corridor.tools.formats.focal import stated_focal
 from corridor.tools.formats.heading import east_north
 from corridor.tools.formats.placing import readout_of
 
+_LOOKED_AT = 20  # pictures that are lost are read whole, which takes a while
 # Features are joined within a few pixels: more motion than this in one picture bends it too much.
 _BENT_PX, _BLURRED_PX = 8.0, 1.5
 # Where the height above ground is not known: 8 px of 4 cm.
@@ -53,10 +56,21 @@ def why_lost(photos: list[Metadata], joined: set[int]) -> str:
 
     photos: all of them; joined: rows of those that are.
     """
-    reasons = [*_motion(photos), *_overlap(photos, joined)]
+    reasons = [*_damaged(photos, joined), *_motion(photos), *_overlap(photos, joined)]
     return "; ".join(reasons) or (
         "overlap or texture is too little, or the pictures are blurred: look at them"
     )
+
+
+def _damaged(photos: list[Metadata], joined: set[int]) -> Iterator[str]:
+    """Pictures whose pixels cannot all be read, of the first that are lost."""
+    lost = [photo for row, photo in enumerate(photos) if row not in joined]
+    for photo in [photo for photo in lost if photo.path.is_file()][:_LOOKED_AT]:
+        try:
+            with open_picture(photo.path) as picture:
+                picture.load()
+        except FAULTS as error:
+            yield f"{photo.name} is damaged ({fault(error)}): copy it again"
 
 
 def bent(block: Block) -> str | None:

@@ -10,9 +10,11 @@ Source: Schönberger and Frahm 2016, "Structure-from-motion revisited" (COLMAP).
 import json
 import os
 import shutil
+import sqlite3
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -29,7 +31,7 @@ from corridor.core.photographs import (
     photographs_in,
     read_metadata,
 )
-from corridor.tools.formats.focal import stated_focal
+from corridor.tools.formats.focal import of_a_lens, stated_focal
 from corridor.tools.formats.heading import east_north
 from corridor.tools.formats.joining import listed, places_apart, why_lost
 from corridor.tools.formats.programs import colmap
@@ -48,6 +50,8 @@ _MODEL = "RADIAL"
 # Features a pixel: in small pictures the smallest ones are noise. COLMAP's most, and enough to map.
 _DENSITY, _FEWEST, _MOST = 4e-3, 2000, 8192
 _LEAST = 3
+# Stands for a blank in the names of a list of pairs, where blanks part the names.
+_BLANK = "\ue020"
 # Seconds of one processor a megapixel of features, a pair of pictures of the most features, and an
 # image that is mapped: measured with 18 pictures of 0.8 megapixels (21, 8.5 and 6 s together).
 _PICTURE_S, _PAIR_S, _MAPPED_S = 1.45, 0.36, 0.3
@@ -301,6 +305,8 @@ def _features(pycolmap, database, folder, names, photos, cheaply) -> Iterator[in
                 database, folder, camera_mode=pycolmap.CameraMode.SINGLE, image_names=batch,
                 options=options,
             )  # fmt: skip
+            if not stated:
+                _let_go_of_exif(pycolmap, database, batch[0])
             extraction = pycolmap.FeatureExtractionOptions()
             extraction.sift.max_num_features = _features_in(size)
             # A second orientation is the same point again, and matching costs the square.
@@ -312,6 +318,17 @@ def _features(pycolmap, database, folder, names, photos, cheaply) -> Iterator[in
             )  # fmt: skip
             done += len(batch)
             yield done
+
+
+def _let_go_of_exif(pycolmap, database, name):
+    """COLMAP reads EXIF itself: what no lens has is as if nothing were stated."""
+    with pycolmap.Database.open(database) as base:
+        camera = base.read_camera(base.read_image_with_name(name).camera_id)
+        long = max(camera.width, camera.height)
+        if not of_a_lens(camera.focal_length / long):
+            usual = pycolmap.ImageReaderOptions().default_focal_length_factor
+            camera.focal_length, camera.has_prior_focal_length = usual * long, False
+            base.update_camera(camera)
 
 
 def _features_in(size: tuple[int, int]) -> int:
@@ -352,8 +369,24 @@ def _pairs(photos: list[Metadata]) -> list[tuple[int, int]]:
     return sorted(found)
 
 
+@contextmanager
+def _without_blanks(database: Path) -> Iterator[None]:
+    """The names of a database without blanks, for as long as a list of pairs is read."""
+
+    def rename(old: str, new: str) -> None:
+        with closing(sqlite3.connect(database)) as base, base:
+            base.execute("UPDATE images SET name = replace(name, ?, ?)", (old, new))
+
+    rename(" ", _BLANK)
+    try:
+        yield
+    finally:
+        rename(_BLANK, " ")
+
+
 def _matches(pycolmap, database, place, names, pairs) -> Iterator[int]:
     listed = place / "pairs.txt"
+    names = [name.replace(" ", _BLANK) for name in names]
     verified = pycolmap.TwoViewGeometryOptions()
     verified.ransac.random_seed = 0  # one import is like another
     for first in range(0, len(pairs), _BATCH_PAIRS):
@@ -362,12 +395,13 @@ def _matches(pycolmap, database, place, names, pairs) -> Iterator[int]:
         listed.write_text(text, encoding="utf-8")
         options = pycolmap.ImportedPairingOptions()
         options.match_list_path = str(listed)
-        pycolmap.match_image_pairs(
-            database,
-            pairing_options=options,
-            verification_options=verified,
-            device=pycolmap.Device.cpu,
-        )
+        with _without_blanks(database):
+            pycolmap.match_image_pairs(
+                database,
+                pairing_options=options,
+                verification_options=verified,
+                device=pycolmap.Device.cpu,
+            )
         yield first + len(batch)
 
 

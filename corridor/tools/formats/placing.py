@@ -434,15 +434,17 @@ def _with_readout(project, photos):
 
 
 def _turned_by_a_quarter(photos) -> list[str]:
-    """Names of photographs that stand upright where more of the same camera lie on their side."""
+    """Names of photographs of which more of the same camera have width and height exchanged.
+
+    Of as many, those that stand upright: rows of sensors are long.
+    """
     many = Counter((photo.model, photo.width, photo.height_px) for photo in photos.values())
-    return [
-        photo.name
-        for photo in photos.values()
-        if photo.width != photo.height_px
-        and many[photo.model, photo.height_px, photo.width]
-        > many[photo.model, photo.width, photo.height_px]
-    ]
+
+    def turned(model: str, width: int, height: int) -> bool:
+        own, others = many[model, width, height], many[model, height, width]
+        return others > own or (others == own and height > width)
+
+    return [p.name for p in photos.values() if turned(p.model, p.width, p.height_px)]
 
 
 def _with_focal(project, photos):
@@ -509,7 +511,8 @@ def readout_of(photo: Metadata, height: int) -> tuple[float | None, str]:
         ).format(*photo.taken_size, told)
     # Published times count all rows, ours from the first to the last.
     readout = np.median(values) * 1e-3 * (height - 1) / height
-    mode = f", {found[0].mode}, the mode of its pictures" if len(found) < len(every) else ""
+    mode = found[0].mode if len(found) < len(every) else ""
+    mode = mode and f", {mode}, the mode of its pictures"
     return float(readout), f"published for {photo.model}{mode} ({found[0].source})"
 
 
@@ -651,8 +654,7 @@ def _placed(
     Attitudes are asked only for what positions on one line leave open, the turn about it.
     """
     block = project.block
-    lon, lat, _ = np.median(places, axis=0)
-    local = Local(round(float(lat), 4), round(float(lon), 4), 0.0)
+    local = Local.amid(places, GEOGRAPHIC)
     target = local.from_geographic(places)
     at = pd.Index(block.images["image"]).get_indexer(table["image"])
     source = block.poses[at, :3]

@@ -401,7 +401,10 @@ class Contents:
             return self
         keep = np.array([name not in strange for name in self.used], dtype=bool)
         if not keep.any():
-            raise InputError(f"{source}: {next(iter(strange.values()))}; nothing is left to import")
+            raise InputError(
+                f"{source}: {next(iter(strange.values()))}; nothing is left to import: adjust it "
+                "with an ordinary camera model there, or undistort the pictures first"
+            )
         for name, why in strange.items():
             lost = [
                 image for image, used in zip(self.images, self.used, strict=True) if used == name

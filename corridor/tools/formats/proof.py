@@ -72,7 +72,7 @@ class Proof:
     by_kind: residuals of tie points, marks, and pairs of the project itself. decided: the kind
     that the verdict is about. verdict: `proved`, `unproved` (nothing to reproject), `refused`.
     explained: the alternatives that explain the observations decisively better, as sentences, the
-    best first. sentences: what else is seen.
+    best first. sentences: what else is seen. unposed: there are observations, and no pose.
     """
 
     by_kind: dict[str, Residuals] = field(default_factory=dict)
@@ -80,6 +80,7 @@ class Proof:
     verdict: str = "unproved"
     explained: list[str] = field(default_factory=list)
     sentences: list[str] = field(default_factory=list)
+    unposed: bool = False
 
     @property
     def main(self) -> Residuals | None:
@@ -94,6 +95,11 @@ class Proof:
 
     def refusal(self) -> str:
         """Why the import is refused, one sentence."""
+        if self.unposed:
+            return (
+                "no image has a pose, so nothing proves the conventions of the project: the "
+                "adjustment finds poses from the measurements"
+            )
         if self.verdict == "unproved":
             return (
                 "the project holds no image observation that could prove its conventions, and a "
@@ -124,6 +130,8 @@ def prove(project: Project) -> Proof:
         kinds.append(("pairs of the project itself", _pairs(project)))
     kinds = [(kind, part) for kind, part in kinds if len(part.image)]
     if not kinds:
+        measured = len(block.tie_points) or len(block.marks)
+        proof.unposed = bool(measured) and not np.isfinite(block.poses).all(axis=1).any()
         return proof
     lengths = {}
     for kind, part in kinds:
@@ -138,6 +146,10 @@ def prove(project: Project) -> Proof:
     proof.decided = first[0]
     for kind, part in kinds:
         _gross(kind, part, lengths[kind], proof)
+        # A list of marks has an origin of its own.
+        if kind == "marks" != first[0] and proof.by_kind[kind].median <= MEDIAN_PX:
+            found = _alternatives(part, again=False)
+            proof.sentences += [f"of the marks, {told}" for told in found[:1]]
     proof.explained = _alternatives(first[1])
     if not proof.explained:
         _by_camera(first[1], block, proof)

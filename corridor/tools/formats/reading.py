@@ -12,6 +12,7 @@ from corridor.core.gnss import (
     known_crs,
     metric,
 )
+from corridor.tools.formats.control import placed_by_own
 from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.programs import candidates, formats
 from corridor.tools.formats.project import Project, near_origin
@@ -53,7 +54,7 @@ def read_project(
                 "the points were measured in"
             )
         project = replace(project, block=near_origin(project.block))
-        project = project.having(warnings=_unseen(project.block))
+        project = placed_by_own(project).having(warnings=_unseen(project.block))
     if others:
         also = f"the same place is also a project of {', '.join(others)}: name it so"
         project = project.noted(also)

@@ -14,10 +14,10 @@ _ENDINGS = {
     ".p4d": "a Pix4D project, whose results stand in the folder beside it: name its folder "
     "1_initial/params, and export tie points as BINGO (Process > Output > Save Pix4D files)",
     ".p4b": "a Pix4D archive: unpack it, and name the folder 1_initial/params",
-    ".rcproj": "a RealityCapture project: export a Bundler file or a COLMAP model from it, and "
-    "name that",
-    ".rsproj": "a RealityScan project: export a Bundler file or a COLMAP model from it, and name "
+    ".abc": "Meshroom's result in Alembic: convert it to .sfm (node ConvertSfMFormat), and name "
     "that",
+    ".db": "COLMAP's database of matches: name the folder of the model (sparse/0) that its mapper "
+    "wrote",
     ".ods": "a spreadsheet: save the sheet as comma separated text (.csv), and name that",
     ".sbet": "a POSPac trajectory in binary form: export it from POSPac as text",
     ".out": "a file of a trajectory or of another program: of POSPac, export it as text",
@@ -34,6 +34,13 @@ _ENDINGS = {
     "data, and give the track with --track",
 }
 _ALIKE = {
+    ".rcproj .rsproj .rspj": "a project of RealityCapture or RealityScan: export a Bundler file or "
+    "a COLMAP model from it, and name that",
+    ".xmp": "a photograph's sidecar, with its pose and no measurements: export a Bundler file or a "
+    "COLMAP model from RealityCapture, and name that",
+    ".heic .heif .cr2 .cr3 .nef .arw .rw2 .raf .orf": "a photograph in a form that is not "
+    "read: convert all to JPEG with their EXIF",
+    ".mp4 .mov .avi .mkv": "a video: take pictures out of it first, with their times",
     ".xlsx .xls": "an Excel workbook: save the sheet as comma separated text (.csv), and name that",
     ".las .laz .ply": "a point cloud: a project has photographs, their poses and measurements",
     ".kml .kmz .gpx .geojson .dxf .dwg .shp .gpkg": "a map: save its points as comma separated "
@@ -45,6 +52,21 @@ _ENDINGS |= {end: told for ends, told in _ALIKE.items() for end in ends.split()}
 _GROUND = "a list of ground points: name the project, and give the list with --ground"
 _PLAN = "a plan of a flight: `corridor plan PLAN` says how accurate it will be"
 _MOST_FILES = 2000  # of a folder are looked at
+_TABLE = (
+    "a table of positions of photographs, without measurements in them: name a project with tie "
+    "points, or the folder of the photographs, as `corridor import photos FOLDER`"
+)
+_TEXT = (
+    "a list of image coordinates (PATB, BINGO), which says neither unit nor angles: write "
+    'convention.toml beside it (page "Check a project")'
+)
+_INPHO = (
+    "an Inpho project: export image coordinates and orientations as PATB or BINGO, and name these"
+)
+_PICTURE = re.compile(
+    r"(?i)^[^#%\n]*?\.(?:jpe?g|tiff?|png|dng|arw|heic)\"?[,;\s]+(.*)", re.MULTILINE
+)
+_NUMBER = re.compile(r"[+-]?\d+(?:\.\d*)?")
 _MODEL = ("cameras", "images", "points3D")
 
 
@@ -67,13 +89,33 @@ def strange(path: Path) -> str:
         return "the tracks of an OpenSfM project: name the folder in which reconstruction.json is"
     if ending == ".toml" and "[[flight]]" in opening(path):
         return _PLAN
-    if is_gcp_list(head):
-        return _GROUND
+    told = _of_text(path)
+    if told:
+        return told
     if ending in _ENDINGS:
         return _ENDINGS[ending]
     if ending in (".jpg", ".jpeg", ".tif", ".tiff", ".dng", ".png"):
         return "one photograph: name the folder of all of them, as `corridor import photos FOLDER`"
     return ""
+
+
+def _of_text(path: Path) -> str:
+    """What a list is, by its first lines; or empty."""
+    head = opening(path, 20_000)
+    if is_gcp_list(head[:400]):
+        return _GROUND
+    if head.startswith("$PROJECT"):
+        return _INPHO
+    if re.search(r"(?m)^\s*-99\s*$", head):
+        return _TEXT
+    row = _PICTURE.search(head)
+    cells = re.split(r"[,;\s]+", row[1].strip()) if row else []
+    if len(cells) > 2 and all(map(_NUMBER.fullmatch, cells[:3])):
+        return _TABLE
+    lines = [line.strip() for line in head.splitlines()[1:6] if line[:1] != "#"]
+    rows = [re.split(r"[,;\t ]+", line) for line in lines if line]
+    points = [len(r) > 3 and all(map(_NUMBER.fullmatch, r[1:4])) and "." not in r[0] for r in rows]
+    return _GROUND if points and all(points) else ""
 
 
 def not_text(path: Path) -> str:
@@ -99,8 +141,14 @@ def _is_tracks(head: str) -> bool:
 
 def _folder(path: Path) -> str:
     files = [file for file in islice(path.rglob("*"), _MOST_FILES) if file.is_file()]
-    if path.suffix.lower() == ".files" and (path / "project.zip").is_file():
-        return f"a part of a Metashape project: name {path.stem}.psx, which lies beside it"
+    for home in (path, *path.glob("*.files")):
+        if home.suffix.lower() == ".files" and (home / "project.zip").is_file():
+            return (
+                f"a part of a Metashape project: put {home.stem}.psx beside {home.name}, and name "
+                f"{home.stem}.psx"
+            )
+    if not files:
+        return "a folder without files: name the folder of a project"
     names = {file.name for file in files}
     for home in (path, path / "sparse", path / "sparse" / "0"):
         inside = {file.name for file in home.iterdir()} if home.is_dir() else set()
@@ -127,9 +175,10 @@ def _folder(path: Path) -> str:
     plans = (file for file in files if file.suffix.lower() == ".toml")
     if any("[[flight]]" in opening(file) for file in plans):
         return f"a folder with {_PLAN}"
-    texts = sorted(file for file in files if file.suffix.lower() in (".csv", ".txt"))
-    if any(is_gcp_list(opening(file, 400)) for file in texts[:20]):
-        return f"a folder with {_GROUND}"
     endings = {Path(name).suffix.lower() for name in names}
+    texts = sorted(file for file in files if file.suffix.lower() not in _ENDINGS)
+    told = next((told for file in texts[:20] if (told := _of_text(file))), "")
+    if told:
+        return f"a folder with {told}"
     known = next((end for end in _ENDINGS if end in endings), None)
     return f"a folder with {known}: that is {_ENDINGS[known]}" if known else ""

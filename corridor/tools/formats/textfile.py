@@ -196,7 +196,7 @@ class Json:
         value = default if value is None and isinstance(self.value, dict) else value
         if is_number(value):
             return float(value)
-        raise self.wrong(f"has no number {key} ({value!r})")
+        raise self.wrong(f"has no number {key}" + f" ({value!r})" * (value is not None))
 
     def numbers(self, key: str, count: int) -> np.ndarray:
         """The `count` finite numbers under a key. Raises InputError naming the place."""

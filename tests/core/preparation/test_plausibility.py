@@ -70,3 +70,20 @@ def test_times_of_each_other_are_told_where_names_lie_in_order(dike):
     new = dict(zip(block.images["image"].astype(str), names, strict=True))
     block.images["image"] = [new[one] for one in block.images["image"].astype(str)]
     assert not list(_disordered(block))
+
+
+@pytest.mark.parametrize(("name", "value"), [("cx", 0.0), ("cy", -41.5)])
+def test_a_principal_point_counted_from_the_middle_is_told(dike, name, value):
+    block = dike.copy()
+    ((camera, one),) = block.cameras.items()
+    block.cameras = {camera: one.with_values(**{name: value})}
+    said = [doubt for doubt in plausibility_warnings(block) if "counted from the middle" in doubt]
+    assert len(said) == 1 and f"{name} = {value:g}" in said[0]
+    assert not [
+        doubt for doubt in plausibility_warnings(dike) if "counted from the middle" in doubt
+    ]
+
+
+def test_the_area_of_a_system_with_heights_is_that_of_its_grid(dike):
+    block = replace(dike, crs="EPSG:25833+7837")
+    assert [one for one in plausibility_warnings(block) if "area of use" in one]

@@ -1,6 +1,7 @@
 """Epochs that do not fit their own model, or each other, are not compared: made-up dates."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.stats import binom
 
@@ -9,9 +10,10 @@ from benchmarks import two_dates
 from corridor.core.effects import candidates
 from corridor.core.errors import InputError
 from corridor.tools.change import Signatures
-from corridor.tools.change.admission import Coordinates, misfits
+from corridor.tools.change.admission import Coordinates, misfits, slips
 from corridor.tools.change.epoch import Epoch
 from corridor.tools.change.significance import patches
+from tests.block_folder import small
 
 
 def said(kind, seed=0, **options):
@@ -163,3 +165,21 @@ def test_a_settlement_beside_a_shutter_is_said_with_its_place_and_sign():
     told = two_dates.told("readout 20 ms", two_dates.BOWL, 0)
     assert told["verdict"] == "moved" and told["words"]
     assert told["place"] and told["sign"] and told["size"]
+
+
+def _surveyed(names, shift=0.0):
+    ground = pd.DataFrame({"point": names, "x": [0.0, 9.0], "y": 1.0, "z": 2.0, "role": "control"})
+    block = small(ground=ground)
+    block.tie_points["x"] += shift
+    return block
+
+
+def test_one_block_given_twice_is_told():
+    (said,) = slips(_surveyed(["A", "B"]), _surveyed(["A", "B"]))
+    assert "one block given twice" in said
+    assert not list(slips(_surveyed(["A", "B"]), _surveyed(["A", "B"], shift=0.3)))
+
+
+def test_points_of_the_same_place_and_another_name_are_told():
+    (said,) = slips(_surveyed(["A", "B"]), _surveyed(["P_A", "B"], shift=0.3))
+    assert "1 ground point of the first date" in said and "A is P_A" in said

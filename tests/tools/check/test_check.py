@@ -85,6 +85,19 @@ def test_not_good_enough_and_not_known_are_said(block, tmp_path):
     assert checked.verdict == "not known" and "no check point" in checked.sentence
 
 
+@pytest.mark.parametrize(
+    "found", [None, {"verdict": "nothing", "sentence": "", "actions": ["OUT/x"]}]
+)
+def test_what_to_go_on_with_lies_where_it_is_said_to_lie(tmp_path, found):
+    """Without a diagnosis there is no missing/block."""
+    final = {"actions": ["Go on with OUT/block, from BLOCK."]}
+    _, (action,) = checking._told(final, found, {"warnings": []}, tmp_path / "adjusted")
+    if found:
+        assert action == f"{tmp_path}/missing/x"
+    else:
+        assert action == f"Go on with {tmp_path}/adjusted/block, from {tmp_path}/block."
+
+
 def test_what_was_done_is_kept_and_the_same_call_goes_on(block, tmp_path, monkeypatch):
     block.write(tmp_path / "block")
     said = []

@@ -14,8 +14,10 @@ from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_vector
 from corridor.core.simulation import Flight, Ground, Noise, Plan, simulate
 from corridor.tools.check import check_project
+from corridor.tools.check.advice import ProgramSettings
 from corridor.tools.formats import export_project, import_project, read_project
 from corridor.tools.formats.project import Contents, Views, ground_table
+from tests.block_folder import small
 
 
 def survey(images=10, marks=True, **more):
@@ -223,3 +225,23 @@ def test_half_of_the_marks_are_no_outliers_because_ties_are_better_than_stated()
     block.marks = block.marks.assign(x=block.marks["x"] + off[:, 0], y=block.marks["y"] + off[:, 1])
     found = adjust(block).statistics["mark"]
     assert found["outliers"] < 0.2 * found["count"] and found["gross"] == 0
+
+
+def test_accuracies_count_what_residuals_have_lost():
+    """Of 400 numbers 100 are spare: residuals are half as large as errors. One says nothing."""
+    gnss = pd.DataFrame({"image": ["a"], "x": 0.0, "y": 0.0, "z": 0.0})
+    block = small(gnss=gnss, sigma={"gnss_m": [3.0, 3.0, 6.0]})
+    parts = [("tie", "", 400, 100.0), ("gnss", "plan", 20, 1.0), ("gnss", "height", 10, 2.5)]
+    names = ("kind", "part", "count", "redundancy")
+    settings = ProgramSettings.of(
+        {
+            "camera": {},
+            "lever_arm": {},
+            "observations": {"tie": {"rms": 0.2}, "gnss": {"rms": [0.001, 0.001, 0.02]}},
+            "variance_components": [dict(zip(names, part, strict=True)) for part in parts],
+        },
+        None,
+        block,
+    )
+    assert settings.image == {"tie points": pytest.approx(0.4)}
+    assert settings.positions == (pytest.approx(3.0), pytest.approx(0.04))

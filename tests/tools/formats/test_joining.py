@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
-from corridor.core.errors import WorkFailed
+from corridor.core.errors import InputError, WorkFailed
 from corridor.core.gnss import Local
 from corridor.core.photographs import Metadata, photographs_in, read_metadata
 from corridor.tools.formats import Project, mapping
@@ -44,6 +45,17 @@ def test_pictures_bent_by_the_shutter_say_so_in_pixels():
 def test_pictures_that_hardly_overlap_say_so():
     said = why_lost(flown(45.0, speed=2.0), {0, 1, 2})
     assert said.startswith("they overlap their neighbours by about") and "% only" in said
+
+
+def test_a_picture_that_is_cut_off_is_named(tmp_path):
+    path = tmp_path / "cut.jpg"
+    noise = np.random.default_rng(1).integers(0, 255, (200, 300, 3), dtype=np.uint8)
+    Image.fromarray(noise).save(path)
+    whole = Metadata(path, 300, 200)
+    assert "damaged" not in why_lost([whole], set())
+    path.write_bytes(path.read_bytes()[:9000])
+    assert "cut.jpg is damaged" in why_lost([whole], set())
+    assert "damaged" not in why_lost([whole], {0})
 
 
 def test_a_long_exposure_blurs():
@@ -148,3 +160,10 @@ def test_a_model_that_contradicts_its_positions_is_bent():
     with pytest.raises(WorkFailed, match=r"kept in .*--force"):
         _straight(project, Path("block"), force=False)
     assert _straight(project, Path("block"), force=True).warnings == [said]
+
+
+@pytest.mark.parametrize("name", ["IMG_1.HEIC", "DSC1.ARW", "DJI_1.MP4"])
+def test_a_folder_of_other_files_says_which(tmp_path, name):
+    (tmp_path / name).write_bytes(b"x")
+    with pytest.raises(InputError, match=rf"but \.{name[-3:].lower()}|but \.heic"):
+        photographs_in(tmp_path)

@@ -176,3 +176,15 @@ def test_a_mistake_in_one_camera_of_several_is_named_with_it(mistake, noisy):
     assert proof.verdict == "refused"
     named = "p1 and p2" if mistake is swapped else "half a pixel"
     assert proof.explained[0].startswith("camera P1: ") and named in proof.explained[0]
+
+
+def test_marks_half_a_pixel_off_are_told_beside_tie_points_that_are_right(fraser8):
+    """A list of ground points may count its pixels from the corner of the picture."""
+    block, rng = fraser8.copy(), np.random.default_rng(5)
+    for table in (block.tie_points, block.marks):
+        table[["x", "y"]] += rng.normal(0, 0.15, (len(table), 2))
+    assert not any("of the marks" in told for told in proof_of(block).sentences)
+    block.marks[["x", "y"]] += 0.5
+    proof = proof_of(block)
+    assert proof.verdict == "proved"
+    assert any("of the marks, half a pixel" in told for told in proof.sentences)

@@ -160,6 +160,11 @@ def test_pictures_turned_by_a_quarter_are_named():
     photos |= {k: photo(f"{k}.jpg", 3000, 4000, model="M") for k in (6, 7)}
     assert _turned_by_a_quarter(photos) == ["6.jpg", "7.jpg"]
     assert _turned_by_a_quarter({k: one for k, one in photos.items() if k > 5}) == []
+    # Of as many, those that stand upright.
+    assert _turned_by_a_quarter({k: one for k, one in photos.items() if k > 3}) == [
+        "6.jpg",
+        "7.jpg",
+    ]
 
 
 @pytest.mark.parametrize(

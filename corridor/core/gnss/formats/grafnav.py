@@ -76,7 +76,7 @@ def read(path: Path) -> Track:
             f"{path.name} has no header with names and units of the columns; export it again with "
             "the header on"
         )
-    columns = _columns(lines[at - 1], lines[at])
+    columns = _columns(path, lines[at - 1], lines[at])
     rows = TextRows.of_lines(path, lines, at + 1)
     if not len(rows):
         raise InputError(f"{path.name} holds no epochs; process the track again")
@@ -103,12 +103,17 @@ def read(path: Path) -> Track:
     return Track.of_rows(table, rows.at, path, day, system, crs, notes)
 
 
-def _columns(names: str, units: str) -> list[_Column]:
+def _columns(path: Path, names: str, units: str) -> list[_Column]:
     """Columns in order, with the fields of a row that are theirs."""
     spans = [(match[0], match.end()) for match in re.finditer(r"\S+", names)]
     unit_of: dict[int, str] = {}
     for match in re.finditer(r"\(([^()]*)\)", units):
         free = [k for k in range(len(spans)) if k not in unit_of]
+        if not free:
+            raise InputError(
+                f"{path.name} has more units than columns ({names.strip()[:60]}); export it again, "
+                "with columns between blanks"
+            )
         nearest = min(free, key=lambda k: abs(spans[k][1] - match.end()))
         unit_of[nearest] = " ".join(match[1].split())
     columns, place = [], 0
@@ -178,8 +183,11 @@ class _Table:
                     ) from None
         return [dates[text] for text in texts]
 
-    def lacks(self, what: str, remedy: str) -> InputError:
-        has = ", ".join(column.name for column in self.columns)
+    def lacks(self, *names: str, remedy: str) -> InputError:
+        has = ", ".join(
+            f"{one.name} ({one.unit})" if one.unit else one.name for one in self.columns
+        )
+        what = " and ".join(name for name in names if not self.find(name))
         return InputError(f"{self.rows.path.name} lacks {what} (it has {has}); {remedy}")
 
 
@@ -197,9 +205,8 @@ def _positions(table: pd.DataFrame, found: _Table) -> str:
             assert column is not None
             table[key] = found.numbers(column)
         return GEOCENTRIC
-    raise found.lacks(
-        "Latitude, Longitude and H-Ell", "export it again with heights above the ellipsoid"
-    )
+    remedy = "export it again with heights above the ellipsoid"
+    raise found.lacks("Latitude", "Longitude", "H-Ell", remedy=remedy)
 
 
 def _times(found: _Table) -> tuple[str | None, str, np.ndarray, list[str]]:
@@ -238,7 +245,7 @@ def _times(found: _Table) -> tuple[str | None, str, np.ndarray, list[str]]:
         if clock is not None:
             notes.append(f"{name} states no date, only {named}")
             return None, system, _unwrapped(clock), notes
-    raise found.lacks("GPSTime and UTCTime", "export it again with date and GPS time")
+    raise found.lacks("GPSTime in sec or HMS", remedy="export it again with date and GPS time")
 
 
 def _unwrapped(seconds: np.ndarray) -> np.ndarray:

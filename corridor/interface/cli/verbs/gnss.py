@@ -12,11 +12,11 @@ examples:
   corridor gnss grafnav.txt --images flight_Timestamp.MRK --method parabola -o out/parabola.csv
       as other programs do it, for comparison
 
-TRACK: RTKLIB .pos, GrafNav text, MicMac XML or text, track.csv of a block. IMAGES: a block, its
-images.csv, a DJI .MRK, RTKLIB's NAME_events.pos, MicMac's image times, or a folder of photographs
-(EXIF). The table (image, x, y, z, sx, sy, sz: antenna, m; rho_xy, rho_xz, rho_yz: correlations,
-where the track states co-deviations) and a picture beside it appear together or not at all.
-Positions whose sigma is above --max-sigma are refused and named.
+TRACK: RTKLIB or CSRS-PPP .pos, GrafNav text, MicMac XML or text, track.csv of a block. IMAGES: a
+block, its images.csv, a DJI .MRK, RTKLIB's NAME_events.pos, MicMac's image times, or a folder of
+photographs (EXIF). The table (image, x, y, z, sx, sy, sz: antenna, m; rho_xy, rho_xz, rho_yz:
+correlations, where the track states co-deviations) and a picture beside it appear together or not
+at all. Positions whose sigma is above --max-sigma are refused and named.
 """
 
 import argparse

@@ -17,7 +17,7 @@ import pandas as pd
 
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_angles
-from corridor.core.gnss import GEOGRAPHIC, Local, convert, known_crs
+from corridor.core.gnss import Local, convert, known_crs
 from corridor.core.textfile import Xml
 from corridor.tools.formats.cameras import NoModel, in_the_middle, opencv_camera, where_known
 from corridor.tools.formats.project import Contents, Project, Views, ground_table
@@ -130,8 +130,7 @@ class _Block:
         """East, north, up about the middle of places in a system that is no grid."""
         if self._system is None or known_crs(self._system).is_projected or not len(places):
             return None
-        lon, lat, _ = np.median(convert(places, self._system, GEOGRAPHIC), axis=0)
-        return Local(round(float(lat), 4), round(float(lon), 4), 0.0)
+        return Local.amid(places, self._system)
 
     def _framed(self, places: np.ndarray, system: str | None) -> np.ndarray:
         """Places (n, 3) of a system in the project's frame."""
@@ -272,8 +271,12 @@ class _Block:
             if not np.isfinite(place).all():
                 self.notes.append(f"control point {name} has no full position: it is not control")
                 continue
+            own = self._system_of(part, system)
+            if self._system is None and own is not None and self.local is None:
+                # The poses of a local block come into the frame of its control later.
+                self.local = Local.amid(np.array([place]), own)
             names.append(name)
-            places.append(self._framed(place, self._system_of(part, system))[0])
+            places.append(self._framed(place, own)[0])
             level = part.value("HorizontalAccuracy", np.nan)
             sigmas.append([level, level, part.value("VerticalAccuracy", np.nan)])
             check = (part.element.findtext("CheckPoint") or "").strip().lower() == "true"

@@ -37,7 +37,10 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     whole = Json.read(file)
     model = whole.get("camera_model") or "OPENCV"
     if model not in _MODELS:
-        raise InputError(f"{file.name}: camera_model {model!r}, for which corridor has no model")
+        raise InputError(
+            f"{file.name}: camera_model {model!r}, for which corridor has no model; use OPENCV, or "
+            "undistort the pictures first"
+        )
     frames = whole.rows("frames", "frame")
     if not frames:
         raise InputError(f"{file.name} holds no frame; export it again")

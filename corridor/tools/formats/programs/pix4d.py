@@ -87,13 +87,13 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     notes: list[str] = []
     warnings: list[str] = []
     shots = _shots(main)
-    offset = _offset(beside("offset.xyz"), notes)
     names = [shot.name for shot in shots]
     cameras, used = shared([shot.interior for shot in shots], "camera_{}".format, _camera)
     centre, rotation = (
         np.array([getattr(shot, key) for shot in shots]) for key in ("centre", "rotation")
     )
     external = beside(_EXTERNAL)
+    offset = _offset(beside("offset.xyz"), external, dict(zip(names, centre, strict=True)), notes)
     if external.is_file():
         _compare(names, centre + offset, rotation, external, warnings)
     bingo = _find(folder, "tp_bingo.txt", "bingo.txt")
@@ -245,8 +245,15 @@ def _camera(name, *interior):
     )  # fmt: skip
 
 
-def _offset(path, notes):
+def _offset(path, external, centre, notes):
+    """From the frame of the poses to the world: of its file, else by the poses that are in it."""
     if not path.is_file():
+        given = _external(external) if external.is_file() else {}
+        both = [name for name in centre if name in given]
+        apart = np.array([given[name][:3] - centre[name] for name in both]).reshape(-1, 3)
+        if len(both) and np.ptp(apart, axis=0).max() < _SAME_M:
+            notes.append(f"{path.name} is missing: its offset is that of {external.name}")
+            return np.median(apart, axis=0)
         notes.append(f"{path.name} is missing: coordinates are those of the file")
         return np.zeros(3)
     for line in filled(path):

@@ -13,6 +13,7 @@ Source: Agisoft Metashape manual, appendix "Camera models"; the rest as found on
 """
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -246,7 +247,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
 def read_archive(path: Path, notes: list[str]):
     """The chunk of a .psx or .psz, and its points and their projections by camera, or None."""
     with Archive(path) as archive:
-        element = chunk_of(archive.document(), notes)
+        element = chunk_of(archive.document(), notes, archive.head)
         element, members = archive.whole(element)
         chunk = _Chunk()
         names = chunk.add(element)
@@ -296,18 +297,29 @@ def _labels(part):
     return {camera.get("label") for camera in part.all(".//camera") if camera.get("label")}
 
 
-def chunk_of(root: Xml, notes: list[str]) -> Xml:
-    """The chunk of a document: the active one of several, else that of the most cameras."""
+def chunk_of(root: Xml, notes: list[str], opened: Callable[[Xml], Xml] = lambda part: part) -> Xml:
+    """The chunk of a document: the active one of several if it has cameras, else that of the most.
+
+    opened: what a chunk that only names its archive stands for.
+    """
     chunks = root.all("chunk") or root.all("chunks/chunk")
     if root.tag != "document" or not chunks:
         raise root.wrong("it is not a Metashape document with a chunk; export it again")
-    active = root.find("chunks")
-    active = active and active.get("active_id")
-    most = max(chunks, key=lambda chunk: len(chunk.all(".//camera")))
-    chosen = next((chunk for chunk in chunks if active and chunk.get("id") == active), most)
-    if len(chunks) > 1:
-        which = "the active one" if active else f"that of the most cameras, {chosen.get('label')},"
-        notes.append(f"{root.path.name} holds {len(chunks)} chunks; {which} was read")
+    if len(chunks) == 1:
+        return chunks[0]
+    home = root.find("chunks")
+    active = home and home.get("active_id")
+    which, whole = "the active one", []
+    for chunk in sorted(chunks, key=lambda chunk: chunk.get("id") != active):
+        whole.append((chunk, opened(chunk)))
+        if active and chunk.get("id") == active and whole[0][1].find(".//camera"):
+            break
+    else:
+        which = "that of the most cameras"
+        whole.sort(key=lambda pair: -len(pair[1].all(".//camera")))
+    chosen, inner = whole[0]
+    label = inner.get("label", "")
+    notes.append(f"{root.path.name} holds {len(chunks)} chunks; {which}, {label}, was read")
     return chosen
 
 
@@ -456,9 +468,14 @@ def _project(chunk, cloud, path, notes, warnings):
     known = np.isfinite(centre).all(axis=1)
     measured = _Reference([part.find("reference") for part in parts])
     have = np.isfinite(measured.place).all(axis=1)
-    # Measured positions mean nothing in a frame of its own.
+    # Poses in a frame of its own come into that of the measured positions later.
     free = bool(known.any()) and not world.scaled
-    have &= not free
+    if crs is None:
+        have &= not free
+    elif free:
+        marked = _Reference([part.find("reference") for part in chunk.markers.values()]).place
+        stated = np.concatenate([measured.place[have], marked[np.isfinite(marked).all(axis=1)]])
+        world.local = _local(None, stated, crs)
     if (crs is not None or world.geocentric) and not free:
         world.local = _local(centre[known] if world.geocentric else None, measured.place[have], crs)
     if world.geocentric:
@@ -505,7 +522,7 @@ def _project(chunk, cloud, path, notes, warnings):
         ties=ties,
         points=points,
         marks=_marks(chunk, labels, called, notes),
-        ground=_ground(chunk, world, called) if placed else None,
+        ground=_ground(chunk, world, called) if placed or world.local else None,
         gnss=_gnss(labels, reference, measured, have, notes),
         distances=_distances(chunk, called, notes),
         local=world.local,

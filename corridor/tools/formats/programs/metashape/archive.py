@@ -60,11 +60,19 @@ class Archive:
         named = named.replace("{projectname}", self._path.stem).replace("\\", "/")
         home = self._path.parent / named
         if not home.is_file():
+            beside = [folder.name for folder in self._path.parent.glob("*.files")]
+            lies = f" ({beside[0]} lies there: give both one name)" if len(beside) == 1 else ""
             raise InputError(
-                f"{self._path.name}: {named} is not there; a project is the .psx and the folder "
-                f"{self._path.stem}.files beside it: copy both"
+                f"{self._path.name}: {named} is not there{lies}; a project is the .psx and the "
+                f"folder {self._path.stem}.files beside it: copy both"
             )
         return self._read(home)
+
+    def head(self, chunk: Xml) -> Xml:
+        """A chunk without what its archive names in turn."""
+        home = self._at
+        found, self._at = self._below(chunk, home)[0], home
+        return found
 
     def whole(self, chunk: Xml) -> tuple[Xml, Members]:
         """A chunk with its first frame and tie points in the place of the archives it names.
