@@ -590,7 +590,7 @@ def true_words(said: str, found, world: World, motion: Motion) -> dict:
     else:
         one = max(found.final.patches, key=lambda p: abs(p.change / p.sigma))
         xyz = np.array([[*(START + [motion.station, 0.0]), 0.0]])
-        true = motion(found.surface.cores.xyz[one.rows]).mean(axis=0)
+        true = one.weight @ motion(found.surface.cores.xyz)
     stated = float(place[1]), float(place[2] or 0.0) * (-1.0 if place[3] == "right" else 1.0)
     away = np.hypot(*(found.surface.cores.along(xyz)[:, 0] - stated))
     value, sigma = 1e-3 * float(size[2]), 1e-3 * float(size[3])

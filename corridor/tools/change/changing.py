@@ -303,7 +303,11 @@ class _Run:
         evidence = gathered(compared.joint, points, surface, signatures)
         patches, torn, apart = [], [], []
         for one in evidence.patches(0.5 * level):
-            patch = PatchChange.of(surface, evidence.cores_of(one), one.probability)
+            rows, weight = evidence.cores_of(one)
+            patch = PatchChange.of(surface, rows, one.probability)
+            if patch.change * one.z < 0.0:
+                # It moved one way with its surroundings and the other way against them.
+                patch = PatchChange.of(surface, rows, one.probability, weight)
             why = _no_ground(compared.joint, surface, patch, self.asked.surfaces["degree"])
             if why is None:
                 patches.append(patch)
@@ -325,9 +329,11 @@ def _no_ground(joint: Joint, surface: SurfaceChange, patch: PatchChange, degree:
             return patch_layers(found, date)
     higher = int(patch.change > 0.0)
     rough = np.nanmean(surface.roughness[patch.rows] ** 2, axis=0)
-    moved = typical(clouds, cores, degree)
+    some = np.flatnonzero(patch.weight)
+    each = typical(clouds, surface.cores.only(some), degree)
     if surface.registration is not None:
-        moved -= np.mean(surface.registration.of_motion[patch.rows])
+        each -= surface.registration.of_motion[some]
+    moved = float(patch.weight[some] @ each)
     # Nearer to no motion than to that of the mean; a hole makes the lower date the rougher one.
     some = moved / patch.change < 0.5 and rough[higher] > rough[1 - higher]
     return patch_some(moved, _DATES[higher], cores.radius) if some else None

@@ -20,7 +20,14 @@ from corridor.core.brief import brief
 from corridor.tools.change.joint import Joint
 from corridor.tools.change.points import PointChanges
 from corridor.tools.change.signature import Signatures
-from corridor.tools.change.significance import Patch, Test, normal_scores, patches, tested
+from corridor.tools.change.significance import (
+    Patch,
+    Test,
+    normal_scores,
+    patches,
+    patches_beside,
+    tested,
+)
 from corridor.tools.change.surface import SurfaceChange
 
 # Cells of the surface at most: their covariance is a dense matrix.
@@ -90,7 +97,13 @@ class Evidence:
         covariance = covariance[np.ix_(at, at)]
         sigma = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
         z = normal_scores(value[at] / sigma, self.freedom[at])
-        return patches(z, covariance / sigma[:, None] / sigma, self.near, level)
+        alike = covariance / sigma[:, None] / sigma
+        found = (
+            patches(z, alike, self.near, 0.5 * level),
+            patches_beside(z * sigma, covariance, self.places[at], 0.5 * level),
+        )
+        # A bowl bends the map of a shifted date, the rims of a slide that of one in place.
+        return max(found, key=lambda some: max((abs(one.z) for one in some), default=0.0))
 
     def besides(self, some: list[Patch]) -> Evidence:
         """The same without the cells of some patches."""
@@ -109,9 +122,10 @@ class Evidence:
             near=None if self.near is None else self.near[np.ix_(~gone, ~gone)],
         )
 
-    def cores_of(self, patch: Patch) -> np.ndarray:
-        """Numbers of the core points of a patch."""
-        return np.unique(self.cells[patch.cells].indices)
+    def cores_of(self, patch: Patch) -> tuple[np.ndarray, np.ndarray | None]:
+        """Numbers of the core points of a patch, and its weights of all core points."""
+        weight = None if patch.weight is None else patch.weight @ self.cells
+        return np.unique(self.cells[patch.cells].indices), weight
 
     def judged(self, points: PointChanges | None, level: float) -> PointChanges | None:
         """Points that moved beside every effect told from those that an effect could have moved."""
@@ -170,7 +184,7 @@ def _cells(found: SurfaceChange) -> tuple[csr_array, np.ndarray]:
     """The matrix (c, k) that takes the mean of the core points in each cell of the surface, and
     which cells (c, c) touch."""
     where = np.column_stack([found.cores.station, found.cores.across])
-    size = 2.0 * found.cores.radius
+    size = found.cores.radius
     while True:
         # A core on an edge is of the next cell, whatever rounding makes of it.
         cell = np.floor(where / size + 1e-6).astype(int)

@@ -67,8 +67,8 @@ def layers(cloud: Cloud, cores: Cores, degree: int) -> Layers | None:
     return out
 
 
-def typical(clouds: tuple[Cloud, Cloud], cores: Cores, degree: int) -> float:
-    """By how much the typical point at core points moved, m.
+def typical(clouds: tuple[Cloud, Cloud], cores: Cores, degree: int) -> np.ndarray:
+    """By how much the typical point at core points moved (k,), m.
 
     In each cylinder the median of the second date's points over a surface fitted to the first
     date's, less the median of these: what the surface does not fit is the same for both.
@@ -84,7 +84,7 @@ def typical(clouds: tuple[Cloud, Cloud], cores: Cores, degree: int) -> float:
         )
         fit = np.linalg.lstsq(terms, height)[0]
         out.append(np.median(above - more @ fit) - np.median(height - terms @ fit))
-    return float(np.mean(out))
+    return np.array(out)
 
 
 def _strips(epoch: Epoch) -> tuple[list[str], np.ndarray]:

@@ -76,7 +76,7 @@ def to_dict(change) -> dict:
         "remedies": remedies(change),
         "objections": [vars(one) for one in change.objections],
         "patches": [
-            {name: value for name, value in vars(one).items() if name != "rows"}
+            {name: value for name, value in vars(one).items() if name not in ("rows", "weight")}
             for one in change.final.patches
         ],
         "level": change.asked.level,

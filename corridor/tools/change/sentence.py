@@ -93,9 +93,10 @@ def _moved(found) -> str:
         )
     for one in sorted(found.patches, key=lambda p: -abs(p.change / p.sigma))[:1]:
         way = "sank" if one.change < 0 else "rose"
+        against = " against the surface around it" if one.local else ""
         what = (
             f"patch of {one.area:.0f} m\u00b2 of the surface {way} by "
-            f"{millimetres(abs(one.change), one.sigma)} in the mean, around station "
+            f"{millimetres(abs(one.change), one.sigma)} in the mean{against}, around station "
             f"{one.station:.0f} m, {_aside(one.across)}."
         )
         alone = (

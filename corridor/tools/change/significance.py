@@ -14,6 +14,8 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.stats import chi2, f, false_discovery_control, norm, t
 
+from corridor.tools.change.m3c2 import polynomial
+
 # Directions of a covariance without information, against its largest.
 OPEN = 1e-9
 # Cells that a patch may hold: beyond this many of their standard deviations, which is chosen before
@@ -119,11 +121,13 @@ def tested(
 @dataclass(frozen=True)
 class Patch:
     """Neighbouring cells that moved one way. cells: their numbers; z: of their sum, in its standard
-    deviations; probability: of a patch as significant anywhere, were nothing moved."""
+    deviations; probability: of a patch as significant anywhere, were nothing moved. weight (k,):
+    of all cells, where the change is one against those around; None: the mean of its cells."""
 
     cells: np.ndarray
     z: float
     probability: float
+    weight: np.ndarray | None = None
 
 
 def patches(z: np.ndarray, correlation: np.ndarray, near: np.ndarray, level: float) -> list[Patch]:
@@ -147,6 +151,89 @@ def patches(z: np.ndarray, correlation: np.ndarray, near: np.ndarray, level: flo
         if more < level:
             out.append(Patch(cells, size, max(more, 1.0 / MAPS)))
     return sorted(out, key=lambda one: -abs(one.z))
+
+
+def patches_beside(
+    value: np.ndarray, covariance: np.ndarray, places: np.ndarray, level: float
+) -> list[Patch]:
+    """Pieces that moved against what lies around them, the most significant first, each apart.
+
+    value (k,), covariance (k, k): of cells at places (k, 2). Camera and datum bend the ground over
+    the length of an image, which a surface through the surroundings follows: what they share with a
+    disc cancels. Maps of nothing with the same covariance say what comes by chance. The piece is
+    what lies farther from that surface than half of the disc does.
+    Source: Kulldorff 1997 (scan statistic).
+    """
+    discs = _discs(places)
+    if not discs:
+        return []
+    weight = np.array([one.mean - one.through for one in discs])
+    known, vector = np.linalg.eigh(covariance)
+    along = weight @ (vector * np.sqrt(np.maximum(known, 0.0)))
+    sigma = np.maximum(np.linalg.norm(along, axis=1), np.finfo(float).tiny)
+    z = weight @ value / sigma
+    draws = np.random.default_rng(0).normal(size=(len(value), MAPS))
+    largest = np.abs(along / sigma[:, None] @ draws).max(axis=0)
+    out, taken = [], np.zeros(len(value), dtype=bool)
+    for k in np.argsort(-np.abs(z)):
+        more = float(np.mean(largest >= abs(z[k])))
+        if more >= level:
+            break
+        # What moved bends the surroundings of its neighbours, which stand still.
+        if not taken[weight[k] != 0.0].any():
+            taken[weight[k] != 0.0] = True
+            one = discs[k]
+            beyond = (value - one.terms @ (one.tell @ value)) / (weight[k] @ value)
+            cells = np.flatnonzero(one.near & (beyond > 0.5))
+            own = np.zeros(len(value))
+            own[cells] = 1.0 / len(cells)
+            own -= one.terms[cells].mean(axis=0) @ one.tell
+            out.append(Patch(cells, float(z[k]), max(more, 1.0 / MAPS), own))
+    return out
+
+
+@dataclass(frozen=True)
+class _Disc:
+    """A disc of cells and the ring around it. mean (k,): weights of the mean in it; terms (k, t)
+    of a surface at every cell; tell (t, k): its coefficients from the cells of the ring; near (k,):
+    what is nearer than that."""
+
+    mean: np.ndarray
+    terms: np.ndarray
+    tell: np.ndarray
+    near: np.ndarray
+
+    @property
+    def through(self) -> np.ndarray:
+        """Weights (k,) of the mean in the disc of the surface that the ring tells."""
+        return self.mean @ self.terms @ self.tell
+
+
+def _discs(places: np.ndarray) -> list[_Disc]:
+    """Discs of several sizes around each of the places (k, 2), rings from twice to four times the
+    radius away. The surface: as high a polynomial as these know no worse in the disc than that
+    knows its mean."""
+    away = np.linalg.norm(places[:, None] - places, axis=2)
+    nearest = np.partition(away, 1, axis=1)[:, 1] if len(places) > 1 else np.zeros(1)
+    radius, last = 1.1 * float(np.median(nearest)), 0.25 * float(away.max(initial=0.0))
+    out = []
+    while 0.0 < radius <= last:
+        for k, distance in enumerate(away):
+            disc, near = distance <= radius, distance <= 2.0 * radius
+            ring = ~near & (distance <= 4.0 * radius)
+            if disc.sum() < 2 or ring.sum() < disc.sum():
+                continue
+            mean = disc / disc.sum()
+            for degree in (2, 1, 0):
+                terms = polynomial(*(places - places[k]).T / radius, degree)
+                tell = np.zeros((terms.shape[1], len(places)))
+                tell[:, ring] = np.linalg.pinv(terms[ring], rcond=1e-6)
+                one = _Disc(mean, terms, tell, near)
+                if one.through @ one.through <= mean @ mean:
+                    break
+            out.append(one)
+        radius *= np.sqrt(2.0)
+    return out
 
 
 def _clusters(maps, correlation, near) -> Iterator[tuple[int, np.ndarray, float]]:
