@@ -308,7 +308,7 @@ class _Run:
             if patch.change * one.z < 0.0:
                 # It moved one way with its surroundings and the other way against them.
                 patch = PatchChange.of(surface, rows, one.probability, weight)
-            why = _no_ground(compared.joint, surface, patch, self.asked.surfaces["degree"])
+            why = _no_ground(compared.joint, surface, patch, **self.asked.surfaces)
             if why is None:
                 patches.append(patch)
             else:
@@ -319,7 +319,9 @@ class _Run:
         return replace(compared, points=points, patches=tuple(patches), torn=tuple(torn)), evidence
 
 
-def _no_ground(joint: Joint, surface: SurfaceChange, patch: PatchChange, degree: int) -> str | None:
+def _no_ground(
+    joint: Joint, surface: SurfaceChange, patch: PatchChange, degree: int, sampled: bool
+) -> str | None:
     """Why a patch is no ground, for a sentence: the strips of one date show two surfaces, or some
     of its points alone lie higher at one date."""
     cores, clouds = surface.cores.only(patch.rows), (joint.before, joint.after)
@@ -330,7 +332,7 @@ def _no_ground(joint: Joint, surface: SurfaceChange, patch: PatchChange, degree:
     higher = int(patch.change > 0.0)
     rough = np.nanmean(surface.roughness[patch.rows] ** 2, axis=0)
     some = np.flatnonzero(patch.weight)
-    each = typical(clouds, surface.cores.only(some), degree)
+    each = typical(clouds, surface.cores.only(some), degree, sampled)
     if surface.registration is not None:
         each -= surface.registration.of_motion[some]
     moved = float(patch.weight[some] @ each)

@@ -67,13 +67,20 @@ def layers(cloud: Cloud, cores: Cores, degree: int) -> Layers | None:
     return out
 
 
-def typical(clouds: tuple[Cloud, Cloud], cores: Cores, degree: int) -> np.ndarray:
+def typical(
+    clouds: tuple[Cloud, Cloud], cores: Cores, degree: int, sampled: bool = True
+) -> np.ndarray:
     """By how much the typical point at core points moved (k,), m.
 
     In each cylinder the median of the second date's points over a surface fitted to the first
-    date's, less the median of these: what the surface does not fit is the same for both.
+    date's, less the median of these: what the surface does not fit is the same for both. Where both
+    dates have the very same points (not sampled), the median of what each of them did.
     """
-    found, sides = [members(cloud, cores, degree) for cloud in clouds], []
+    first = members(clouds[0], cores, degree)
+    if not sampled:
+        moved = first.elsewhere(*clouds, cores).height - first.height
+        return np.array([np.median(one) for one in np.split(moved, first.start[1:-1])])
+    found, sides = [first, members(clouds[1], cores, degree)], []
     for cloud, one in zip(clouds, found, strict=True):
         away = (cloud.epoch.xyz[one.point] - cores.xyz[one.core])[:, :2] / cores.radius
         sides.append((polynomial(*away.T, degree), one.height, one.start))

@@ -1,6 +1,7 @@
 """Where something moved: points that only together show it, and patches that are no ground."""
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,6 +18,8 @@ from corridor.tools.change.m3c2 import members
 from corridor.tools.change.points import localised
 from corridor.tools.change.result import Compared
 from corridor.tools.change.surface import PatchChange
+
+SHIPPED = Path(__file__).parents[3] / "data_synthetic" / "dike.toml"
 
 
 class TestPointsTogether:
@@ -76,6 +79,16 @@ class TestPatches:
         assert abs(typical(dates, self.core, degree)[0]) < 0.02
         sunk = cloud(self.level - [0.0, 0.0, 0.1])
         assert typical((dates[0], sunk), self.core, degree)[0] == pytest.approx(-0.1, abs=1e-9)
+
+    def test_of_the_same_points_it_is_what_each_of_them_did(self):
+        """On a slope of 1 : 2, where the medians of their heights say little."""
+        slope = self.level + np.outer(0.5 * self.level[:, 0], [0.0, 0.0, 1.0])
+        sunk = slope - [0.0, 0.0, 0.03]
+        # Less than half of them carry what stands on it.
+        sunk[:25, 2] += 0.5
+        dates = cloud(slope), cloud(sunk)
+        found = typical(dates, self.core, 0, sampled=False)
+        assert found == pytest.approx([-0.03], abs=1e-9)
 
     @pytest.mark.parametrize("degree", [1, 2])
     def test_a_surface_is_not_extrapolated(self, degree):
@@ -144,3 +157,32 @@ def test_a_point_that_an_effect_could_have_moved_is_not_called_no_change():
     told = Explanation(*tests, visible=True, shown=(set(), set()), table=None)
     assert told.verdict == "nothing"
     assert replace(told, doubted=True).verdict == "undecided"
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_bowl_is_found_where_effects_of_the_camera_could_shift_all_of_a_date(seed):
+    """30 mm deep, and 30 m wide: it lies below the surface around it. Without it nothing moved."""
+    plan = corridor.simulation.read_plan(SHIPPED)
+    plan = replace(plan, tie_points=corridor.simulation.TiePoints(90))
+    noise = replace(plan.noise, gnss_m=(0.005, 0.005, 0.008), control_m=0.002)
+    dike = corridor.simulation.perfect_block(plan, 0)
+    dike.sigma |= {"gnss_m": np.array(noise.gnss_m), "control_m": np.full(3, noise.control_m)}
+    middle = np.median(dike.points[["x", "y"]].to_numpy(float), axis=0)
+    bowl = corridor.change.Settlement(tuple(middle), radius=15.0, depth=0.03, edge=0.6)
+    sunk = corridor.change.moved_ground(dike, bowl)
+
+    def compared(ground):
+        dates = [
+            corridor.simulation.add_noise(one, **asdict(noise), seed=50 + 2 * seed + n)
+            for n, one in enumerate((dike, ground))
+        ]
+        model = corridor.Model(camera="fixed", lever_arm="fixed")
+        return corridor.change(*dates, model=model, same_ties=True, spacing=5.0)
+
+    found = compared(sunk)
+    assert found.verdict == "moved"
+    (patch,) = found.final.patches
+    true = patch.weight @ bowl(found.surface.cores.xyz)[:, 2]
+    # A cylinder of 9 m takes the mean, of a bowl whose floor is narrower than that.
+    assert 1.25 * true < patch.change < 0.5 * true
+    assert compared(dike).verdict == "nothing"
