@@ -98,9 +98,10 @@ class Evidence:
         sigma = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
         z = normal_scores(value[at] / sigma, self.freedom[at])
         alike = covariance / sigma[:, None] / sigma
+        noise = np.diag(self.covariance)[at]
         found = (
             patches(z, alike, self.near, 0.5 * level),
-            patches_beside(z * sigma, covariance, self.places[at], 0.5 * level),
+            patches_beside(z * sigma, covariance, noise, self.places[at], 0.5 * level),
         )
         # A bowl bends the map of a shifted date, the rims of a slide that of one in place.
         return max(found, key=lambda some: max((abs(one.z) for one in some), default=0.0))

@@ -7,14 +7,12 @@ discovery rate); Nichols and Hayasaka 2003 (clusters, the largest of each null m
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.stats import chi2, f, false_discovery_control, norm, t
-
-from corridor.tools.change.m3c2 import polynomial
 
 # Directions of a covariance without information, against its largest.
 OPEN = 1e-9
@@ -154,86 +152,71 @@ def patches(z: np.ndarray, correlation: np.ndarray, near: np.ndarray, level: flo
 
 
 def patches_beside(
-    value: np.ndarray, covariance: np.ndarray, places: np.ndarray, level: float
+    value: np.ndarray, covariance: np.ndarray, noise: np.ndarray, places: np.ndarray, level: float
 ) -> list[Patch]:
-    """Pieces that moved against what lies around them, the most significant first, each apart.
+    """Pieces that moved against what lies around them, one after the other, the surest first.
 
-    value (k,), covariance (k, k): of cells at places (k, 2). Camera and datum bend the ground over
-    the length of an image, which a surface through the surroundings follows: what they share with a
-    disc cancels. Maps of nothing with the same covariance say what comes by chance. The piece is
-    what lies farther from that surface than half of the disc does.
-    Source: Kulldorff 1997 (scan statistic).
+    value (k,), covariance (k, k): of cells at places (k, 2). Camera and datum bend all of a date at
+    once, so that the cells farther off than two radii predict what they do to a disc; noise (k,):
+    variances of each cell beside that, so that no difference of neighbours is trusted to its last
+    digit. Maps of nothing with the covariance say what comes by chance. The piece is what lies
+    farther from what is predicted than half of the disc does.
+    Source: Kulldorff 1997 (scan statistic), Wackernagel 2003 (simple kriging).
     """
-    discs = _discs(places)
+    rest, out = np.arange(len(value)), []
+    while True:
+        among = np.ix_(rest, rest)
+        found = _beside(value[rest], covariance[among], noise[rest], places[rest], level)
+        if found is None:
+            return out
+        patch, near = found
+        weight = np.zeros(len(value))
+        weight[rest] = patch.weight
+        out.append(replace(patch, cells=rest[patch.cells], weight=weight))
+        # What moved predicts others wrongly, which stand still.
+        rest = np.delete(rest, near)
+
+
+def _beside(
+    value: np.ndarray, covariance: np.ndarray, noise: np.ndarray, places: np.ndarray, level: float
+) -> tuple[Patch, np.ndarray] | None:
+    """The most significant piece of `patches_beside`, and the cells in and near its disc."""
+    discs = list(_discs(places))
     if not discs:
-        return []
-    weight = np.array([one.mean - one.through for one in discs])
+        return None
+    blunt = np.linalg.inv(covariance + np.diag(noise))
+    weight, left = np.empty((len(discs), len(value))), []
+    for k, (disc, near) in enumerate(discs):
+        # What is left of the cells nearby once those beyond have predicted them.
+        left.append(np.linalg.solve(blunt[np.ix_(near, near)], blunt[near]))
+        weight[k] = left[-1][np.isin(near, disc)].mean(axis=0)
     known, vector = np.linalg.eigh(covariance)
     along = weight @ (vector * np.sqrt(np.maximum(known, 0.0)))
     sigma = np.maximum(np.linalg.norm(along, axis=1), np.finfo(float).tiny)
     z = weight @ value / sigma
+    best = int(np.argmax(np.abs(z)))
     draws = np.random.default_rng(0).normal(size=(len(value), MAPS))
     largest = np.abs(along / sigma[:, None] @ draws).max(axis=0)
-    out, taken = [], np.zeros(len(value), dtype=bool)
-    for k in np.argsort(-np.abs(z)):
-        more = float(np.mean(largest >= abs(z[k])))
-        if more >= level:
-            break
-        # What moved bends the surroundings of its neighbours, which stand still.
-        if not taken[weight[k] != 0.0].any():
-            taken[weight[k] != 0.0] = True
-            one = discs[k]
-            beyond = (value - one.terms @ (one.tell @ value)) / (weight[k] @ value)
-            cells = np.flatnonzero(one.near & (beyond > 0.5))
-            own = np.zeros(len(value))
-            own[cells] = 1.0 / len(cells)
-            own -= one.terms[cells].mean(axis=0) @ one.tell
-            out.append(Patch(cells, float(z[k]), max(more, 1.0 / MAPS), own))
-    return out
+    more = float(np.mean(largest >= abs(z[best])))
+    if more >= level:
+        return None
+    near, beyond = discs[best][1], left[best] @ value / (weight[best] @ value) > 0.5
+    own = left[best][beyond].mean(axis=0)
+    return Patch(near[beyond], float(z[best]), max(more, 1.0 / MAPS), own), near
 
 
-@dataclass(frozen=True)
-class _Disc:
-    """A disc of cells and the ring around it. mean (k,): weights of the mean in it; terms (k, t)
-    of a surface at every cell; tell (t, k): its coefficients from the cells of the ring; near (k,):
-    what is nearer than that."""
-
-    mean: np.ndarray
-    terms: np.ndarray
-    tell: np.ndarray
-    near: np.ndarray
-
-    @property
-    def through(self) -> np.ndarray:
-        """Weights (k,) of the mean in the disc of the surface that the ring tells."""
-        return self.mean @ self.terms @ self.tell
-
-
-def _discs(places: np.ndarray) -> list[_Disc]:
-    """Discs of several sizes around each of the places (k, 2), rings from twice to four times the
-    radius away. The surface: as high a polynomial as these know no worse in the disc than that
-    knows its mean."""
+def _discs(places: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Numbers of the places (k, 2) in discs of several sizes around each of them, and of those
+    nearer than two radii: less than half."""
     away = np.linalg.norm(places[:, None] - places, axis=2)
     nearest = np.partition(away, 1, axis=1)[:, 1] if len(places) > 1 else np.zeros(1)
     radius, last = 1.1 * float(np.median(nearest)), 0.25 * float(away.max(initial=0.0))
-    out = []
     while 0.0 < radius <= last:
-        for k, distance in enumerate(away):
-            disc, near = distance <= radius, distance <= 2.0 * radius
-            ring = ~near & (distance <= 4.0 * radius)
-            if disc.sum() < 2 or ring.sum() < disc.sum():
-                continue
-            mean = disc / disc.sum()
-            for degree in (2, 1, 0):
-                terms = polynomial(*(places - places[k]).T / radius, degree)
-                tell = np.zeros((terms.shape[1], len(places)))
-                tell[:, ring] = np.linalg.pinv(terms[ring], rcond=1e-6)
-                one = _Disc(mean, terms, tell, near)
-                if one.through @ one.through <= mean @ mean:
-                    break
-            out.append(one)
+        for distance in away:
+            disc, near = (np.flatnonzero(distance <= r) for r in (radius, 2.0 * radius))
+            if len(disc) > 1 and 2 * len(near) < len(places):
+                yield disc, near
         radius *= np.sqrt(2.0)
-    return out
 
 
 def _clusters(maps, correlation, near) -> Iterator[tuple[int, np.ndarray, float]]:
