@@ -10,6 +10,7 @@ the third was the camera.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,21 +83,29 @@ class Evidence:
         return tested(value, covariance, level, self.freedom, self.redundancy)
 
     def patches(self, level: float) -> list[Patch]:
-        """Patches of the surface that moved beside every effect of camera and flight."""
-        at = np.flatnonzero(self.of_surface)
-        if not len(at):
+        """Patches of the surface that moved beside every effect of camera and flight.
+
+        The heights of points in and beside its cells speak with them.
+        """
+        cells, heights = np.flatnonzero(self.of_surface), np.flatnonzero(~self.of_surface)[2::3]
+        if not len(cells):
             return []
         value, covariance = self.without(self.every)
+        at = np.concatenate([cells, heights])
+        away = self.places[heights][:, None] - self.places[cells]
+        home = [*range(len(cells)), *np.linalg.norm(away, axis=2).argmin(axis=1)]
         covariance = covariance[np.ix_(at, at)]
         sigma = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
         z = normal_scores(value[at] / sigma, self.freedom[at])
-        return patches(z, covariance / sigma[:, None] / sigma, self.near, level)
+        alike, near = covariance / sigma[:, None] / sigma, self.near[np.ix_(home, home)]
+        return patches(z, alike, near, level, 1.0 / sigma, len(cells))
 
-    def besides(self, some: list[Patch]) -> Evidence:
-        """The same without the cells of some patches."""
-        at = np.flatnonzero(self.of_surface)
-        gone = np.isin(np.arange(len(at)), [cell for one in some for cell in one.cells])
-        left = np.setdiff1d(np.arange(len(self)), at[gone])
+    def besides(self, cells: Iterable[int] = (), points: Iterable[int] = ()) -> Evidence:
+        """The same without some cells of the surface and some points, by their numbers here."""
+        gone = np.zeros(len(self), dtype=bool)
+        gone[np.flatnonzero(self.of_surface)[np.array([*cells], dtype=int)]] = True
+        gone[np.flatnonzero(~self.of_surface).reshape(-1, 3)[np.array([*points], dtype=int)]] = True
+        left, gone = np.flatnonzero(~gone), gone[self.of_surface]
         return replace(
             self,
             value=self.value[left],
@@ -109,9 +118,9 @@ class Evidence:
             near=None if self.near is None else self.near[np.ix_(~gone, ~gone)],
         )
 
-    def cores_of(self, patch: Patch) -> np.ndarray:
-        """Numbers of the core points of a patch."""
-        return np.unique(self.cells[patch.cells].indices)
+    def cores_of(self, cells: Iterable[int]) -> np.ndarray:
+        """Numbers of the core points of some cells."""
+        return np.unique(self.cells[np.array([*cells], dtype=int)].indices)
 
     def judged(self, points: PointChanges | None, level: float) -> PointChanges | None:
         """Points that moved beside every effect told from those that an effect could have moved."""

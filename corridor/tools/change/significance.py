@@ -1,7 +1,8 @@
 """Tests of many numbers that are correlated: all at once, and one by one.
 
 Source: Pelzer 1971, Caspary 2000 (global congruency); Benjamini and Hochberg 1995 (false
-discovery rate); Nichols and Hayasaka 2003 (clusters, the largest of each null map).
+discovery rate); Nichols and Hayasaka 2003 (clusters, the largest of each null map),
+Baarda 1968 (test of one alternative, here a step of one neighbourhood).
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components
-from scipy.stats import chi2, f, false_discovery_control, norm, t
+from scipy.stats import chi2, f, false_discovery_control, norm, rankdata, t
 
 # Directions of a covariance without information, against its largest.
 OPEN = 1e-9
@@ -20,7 +21,7 @@ OPEN = 1e-9
 # and decides only how large a patch is drawn (Nichols and Hayasaka 2003).
 RAISED = 1.64
 # Maps of nothing that say how large a patch comes by chance.
-MAPS = 1000
+MAPS = 2000
 
 
 @dataclass(frozen=True)
@@ -126,27 +127,58 @@ class Patch:
     probability: float
 
 
-def patches(z: np.ndarray, correlation: np.ndarray, near: np.ndarray, level: float) -> list[Patch]:
+def patches(
+    z: np.ndarray,
+    correlation: np.ndarray,
+    near: np.ndarray,
+    level: float,
+    weight: np.ndarray | float = 1.0,
+    cells: int | None = None,
+) -> list[Patch]:
     """The significant patches of a map, the most significant first.
 
     z (k,): cells in their standard deviations, normal; correlation (k, k); near (k, k): whether
-    cells are neighbours. Maps of nothing with the same correlation say what comes by chance.
+    cells are neighbours, and each its own. cells: so many are the map (default: all); others speak
+    with their neighbours. Cells of the map that are raised together are a patch. What none shows, a
+    step of a neighbourhood against all others may, which raises z by the weights (k,), the inverse
+    standard deviations. Maps of nothing with the same correlation say what comes by chance, of
+    raised cells and of steps of any width, at half the level each.
     """
-    found = [(cells, size) for _, cells, size in _clusters(z[None], correlation, near)]
-    if not found:
-        return []
+    c = slice(0, cells)
     value, vector = np.linalg.eigh(correlation)
     root = vector * np.sqrt(np.maximum(value, 0.0))
     draws = np.random.default_rng(0).normal(size=(MAPS, len(z))) @ root.T
-    largest = np.zeros(MAPS)
-    for n, _, size in _clusters(draws, correlation, near):
-        largest[n] = max(largest[n], abs(size))
-    out = []
-    for cells, size in found:
-        more = float(np.mean(largest >= abs(size)))
-        if more < level:
-            out.append(Patch(cells, size, max(more, 1.0 / MAPS)))
+    raised, largest = np.zeros(MAPS), []
+    found = [[one for _, *one in _clusters(z[None, c], correlation[c, c], near[c, c])]]
+    for n, _, size in _clusters(draws[:, c], correlation[c, c], near[c, c]):
+        raised[n] = max(raised[n], abs(size))
+    inverse = np.linalg.pinv(correlation, rcond=OPEN, hermitian=True)
+    for reach in _ever_wider(near):
+        step = reach * weight @ inverse
+        sigma = np.sqrt(np.maximum(np.einsum("ij,ij->i", step, reach * weight), 1e-12))
+        size = step @ z / sigma
+        largest.append(np.abs(draws @ step.T / sigma).max(axis=1))
+        found.append([(np.flatnonzero(reach[k, c]), size[k]) for k in np.argsort(-np.abs(size))])
+    chance = 1.0 - (rankdata(largest, "min", axis=1) - 1.0) / MAPS if largest else np.ones((1, 1))
+    least = chance.min(axis=0)
+    out: list[Patch] = []
+    for n, some in enumerate(found):
+        for cells, size in some:
+            if n:
+                more = float(np.mean(least <= np.mean(largest[n - 1] >= abs(size))))
+            else:
+                more = float(np.mean(raised >= abs(size)))
+            if more < 0.5 * level and not any(np.isin(cells, one.cells).any() for one in out):
+                out.append(Patch(cells, float(size), max(2.0 * more, 1.0 / MAPS)))
     return sorted(out, key=lambda one: -abs(one.z))
+
+
+def _ever_wider(near: np.ndarray) -> Iterator[np.ndarray]:
+    """Neighbourhoods (k, k) of cells, up to half of the map, each twice as wide as the last."""
+    reach = near.astype(float)
+    while reach.mean() < 0.5:
+        yield reach
+        reach = (reach @ reach > 0).astype(float)
 
 
 def _clusters(maps, correlation, near) -> Iterator[tuple[int, np.ndarray, float]]:
