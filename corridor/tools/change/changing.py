@@ -46,7 +46,7 @@ from corridor.tools.change.explanation import (
     gathered,
 )
 from corridor.tools.change.joint import Joint
-from corridor.tools.change.layers import MISSED, layers, level, typical
+from corridor.tools.change.layers import layers, level, smoothest, typical
 from corridor.tools.change.matching import without_gross_ties
 from corridor.tools.change.points import point_changes
 from corridor.tools.change.registration import registered
@@ -375,9 +375,7 @@ def _no_ground(
         found = layers(cloud, cores, degree)
         if found is not None:
             return patch_layers(found, date), patch.rows
-    beside = np.delete(surface.roughness, patch.rows, axis=0) ** 2
-    smooth = float(np.quantile(beside, MISSED)) if len(beside) else 0.0
-    flat = level(joint, cores, degree, smooth)
+    flat = level(joint, cores, degree, smoothest(clouds, surface.cores, patch.rows, degree))
     if flat is not None:
         return patch_level(flat), np.flatnonzero(flat.shown(clouds, surface.cores, degree))
     higher = int(patch.change > 0.0)

@@ -28,7 +28,7 @@ from corridor.core.preparation import strips_of
 from corridor.tools.change.cores import Cores
 from corridor.tools.change.epoch import Cloud, Epoch, coordinates
 from corridor.tools.change.joint import Joint
-from corridor.tools.change.m3c2 import LEAST_IN_CYLINDER, members, polynomial
+from corridor.tools.change.m3c2 import LEAST_IN_CYLINDER, members, polynomial, roughness
 from corridor.tools.change.significance import two_sided
 
 # Level of the test, of a patch at one date.
@@ -96,13 +96,21 @@ class Level:
         return out
 
 
+def smoothest(clouds: tuple[Cloud, Cloud], cores: Cores, rows: np.ndarray, degree: int) -> float:
+    """Variance, m^2, of heights beyond their noise on the smoothest ground beside some core points;
+    0 where there is none."""
+    found = [members(cloud, cores, degree) for cloud in clouds]
+    beside = np.delete(roughness(clouds, found, cores)[0], rows)
+    return float(np.quantile(beside, MISSED)) if len(beside) else 0.0
+
+
 def level(joint: Joint, cores: Cores, degree: int, smooth: float) -> Level | None:
     """How the points at some core points are level, None where they are not known to be.
 
     At both dates all points in some cylinders lie within three standard deviations of the height
     that most points share, and scatter about a plane by no more than the noise of each alone.
-    smooth: m^2, how much the heights of the smoothest other ground scatter about it; where points
-    are too few or too coarse to show that much, nothing is known.
+    smooth: see `smoothest`; where points are too few or too coarse to show that much, nothing is
+    known.
     """
     clouds, shown = (joint.before, joint.after), []
     for n, cloud in enumerate(clouds):
@@ -137,7 +145,7 @@ def _level_within(epoch: Epoch, point: np.ndarray, height: float, smooth: float)
     plane = np.column_stack([np.ones(len(z)), away]) * root
     left = z * root[:, 0] - plane @ np.linalg.lstsq(plane, z * root[:, 0])[0]
     limit = chi2.isf(FALSE_ALARM, free)
-    missed = chi2.cdf(limit * np.median(own) / max(smooth, float(np.median(own))), free)
+    missed = chi2.cdf(limit / (1.0 + smooth / np.median(own)), free)
     return float(np.sqrt(np.mean(z**2))) if left @ left < limit and missed < MISSED else None
 
 
