@@ -10,6 +10,7 @@ the third was the camera.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -106,11 +107,12 @@ class Evidence:
         # A bowl bends the map of a shifted date, the rims of a slide that of one in place.
         return max(found, key=lambda some: max((abs(one.z) for one in some), default=0.0))
 
-    def besides(self, some: list[Patch]) -> Evidence:
-        """The same without the cells of some patches."""
-        at = np.flatnonzero(self.of_surface)
-        gone = np.isin(np.arange(len(at)), [cell for one in some for cell in one.cells])
-        left = np.setdiff1d(np.arange(len(self)), at[gone])
+    def besides(self, cells: Iterable[int] = (), points: Iterable[int] = ()) -> Evidence:
+        """The same without some cells of the surface and some points, by their numbers here."""
+        gone = np.zeros(len(self), dtype=bool)
+        gone[np.flatnonzero(self.of_surface)[np.array([*cells], dtype=int)]] = True
+        gone[np.flatnonzero(~self.of_surface).reshape(-1, 3)[np.array([*points], dtype=int)]] = True
+        left, gone = np.flatnonzero(~gone), gone[self.of_surface]
         return replace(
             self,
             value=self.value[left],

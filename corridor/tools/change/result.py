@@ -24,7 +24,8 @@ LEAST_POINTS, FAR_APART = 3, 3.0
 class Compared:
     """Points, surface and volumes of one pair of adjustments.
 
-    patches: of the surface that moved. torn: those that are no ground, and why, for a sentence.
+    patches: of the surface that moved. apart: what seems to move and is no ground, and why: a
+    sentence each.
     """
 
     adjustments: tuple[Adjustment, Adjustment]
@@ -33,7 +34,7 @@ class Compared:
     surface: SurfaceChange | None
     volumes: dict[str, Volume]
     patches: tuple[PatchChange, ...] = ()
-    torn: tuple[tuple[PatchChange, str], ...] = ()
+    apart: tuple[str, ...] = ()
 
     @property
     def moved(self) -> bool:

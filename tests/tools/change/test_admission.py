@@ -120,7 +120,7 @@ def test_what_fits_is_admitted_and_what_does_not_is_named_with_its_worst():
 def test_water_is_no_ground(seed):
     """Two strips fly over it in opposite directions, and see two surfaces."""
     found = corridor.change(*two_dates.pair("moving water", seed))
-    assert found.verdict != "moved" and found.final.torn
+    assert found.verdict != "moved" and found.final.apart
     assert "does not count: at the second date" in " ".join(str(found).split())
 
 
