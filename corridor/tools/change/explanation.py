@@ -100,12 +100,15 @@ class Evidence:
         z = normal_scores(value[at] / sigma, self.freedom[at])
         alike = covariance / sigma[:, None] / sigma
         noise = np.diag(self.covariance)[at]
-        found = (
-            patches(z, alike, self.near, 0.5 * level),
-            patches_beside(z * sigma, covariance, noise, self.places[at], 0.5 * level),
-        )
-        # A bowl bends the map of a shifted date, the rims of a slide that of one in place.
-        return max(found, key=lambda some: max((abs(one.z) for one in some), default=0.0))
+        shifted = patches(z, alike, self.near, 0.5 * level)
+        beside = patches_beside(z * sigma, covariance, noise, self.places[at], 0.5 * level)
+        taken = [cell for one in shifted for cell in one.cells]
+        # Beside a bowl a whole date that is shifted is raised too: half of the most is its rim.
+        rims = (0.5 * np.abs(value[at][one.cells]).max() for one in shifted)
+        return [
+            replace(one, cells=one.cells[np.abs(value[at][one.cells]) > rim])
+            for one, rim in zip(shifted, rims, strict=True)
+        ] + [one for one in beside if not np.isin(one.cells, taken).any()]
 
     def besides(self, cells: Iterable[int] = (), points: Iterable[int] = ()) -> Evidence:
         """The same without some cells of the surface and some points, by their numbers here."""
