@@ -49,7 +49,8 @@ class Date:
     raised: height of what grows, m, in half of the area. parked: height, m, of lorries.
     water_level: m, of still water beyond 20 m to the right. painted: m that marks are painted anew
     beside where they were, and surveyed there if so. outliers: share of tie points 8 px off. spot:
-    px of a local deformation of the picture. mark: px, C1 measured beside itself. exchanged: two
+    px of a local deformation of the picture. mark: px, mark_of measured beside itself. repeated:
+    share of tie points that a pattern takes 25 px aside in the second strip. exchanged: two
     control points with each other's name. tele: another lens, its focal length. part: share of the
     images that are flown. calibrated: camera held. without: no ground control.
     """
@@ -72,6 +73,8 @@ class Date:
     outliers: float = 0.0
     spot: float = 0.0
     mark: float = 0.0
+    mark_of: str = "C1"
+    repeated: float = 0.0
     exchanged: bool = False
     jump: tuple[float, float, float] = (0.0, 0.0, 0.0)
     no_gnss: bool = False
@@ -233,7 +236,11 @@ def fly(world: World, date: Date, draw: np.random.Generator, name: str) -> Block
         tie[wrong, 2:] += draw.normal(0, 8.0, (wrong.sum(), 2))
     names = list(world.marks)
     if date.mark:
-        mark[mark[:, 0] == names.index("C1"), 2:] += [date.mark, 0.0]
+        mark[mark[:, 0] == names.index(date.mark_of), 2:] += [date.mark, 0.0]
+    if date.repeated:
+        # One period aside in all pictures of the second strip.
+        other = draw.uniform(size=len(ties)) < date.repeated
+        tie[other[tie[:, 0].astype(int)] & (strip[tie[:, 1].astype(int)] > 0), 2] += 25.0
     if date.water:
         # Nobody finds the same wave again in the next strip.
         tie[:, 0] += len(ties) * (
@@ -442,6 +449,8 @@ KINDS = {
     "lens cools": {"focal": _cooling},
     "drop on the lens": {"spot": 2.0},
     "mark of C1 5 px off": {"mark": 5.0},
+    "mark M3 6 px off": {"mark": 6.0, "mark_of": "M3"},
+    "repeated pattern": {"repeated": 0.04},
     "another lens": {"tele": 1.2},
     "half of the corridor": {"part": 0.5},
     "control 30 m higher": {"control": _higher(30.0)},
@@ -490,6 +499,8 @@ RIGHT = {
     "lens cools": {"nothing", "camera"},
     "drop on the lens": {"nothing", "camera", "unfit"},
     "mark of C1 5 px off": {"nothing", "unfit"},
+    "mark M3 6 px off": {"nothing"},
+    "repeated pattern": {"nothing"},
     "another lens": {"nothing"},
     "half of the corridor": {"nothing"},
     "control 30 m higher": {"refused"},
@@ -511,12 +522,20 @@ MOTIONS = {
     "slide": Motion((0.02, -0.15, -0.03), 110.0, 40.0),
     "settlement": Motion((0.0, 0.0, -0.07), 45.0, 40.0),
 }
-MOVING = ("rest", "readout 20 ms", "readout 20 ms, turning", "crop of F2", "control point 0.10 m")
+MOVING = (
+    "rest",
+    "readout 20 ms",
+    "readout 20 ms, turning",
+    "crop of F2",
+    "control point 0.10 m",
+    "repeated pattern",
+)
 # What a first sentence says, by the words it begins with, and verdicts that may say so.
 SAYS = {
     "The ground moved: ": {"moved"},
     "The surface moved: ": {"moved"},
     "No change is significant": {"nothing"},
+    "No change of the ground is significant": {"nothing"},
     "The camera explains it": {"camera"},
     "Not the ground": {"cover"},
     "Cannot be determined: ": {"unfit"},
@@ -590,7 +609,7 @@ def true_words(said: str, found, world: World, motion: Motion) -> dict:
     else:
         one = max(found.final.patches, key=lambda p: abs(p.change / p.sigma))
         xyz = np.array([[*(START + [motion.station, 0.0]), 0.0]])
-        true = motion(found.surface.cores.xyz[one.rows]).mean(axis=0)
+        true = one.weight @ motion(found.surface.cores.xyz)
     stated = float(place[1]), float(place[2] or 0.0) * (-1.0 if place[3] == "right" else 1.0)
     away = np.hypot(*(found.surface.cores.along(xyz)[:, 0] - stated))
     value, sigma = 1e-3 * float(size[2]), 1e-3 * float(size[3])

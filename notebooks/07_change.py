@@ -150,8 +150,8 @@ both = compare(flight(3), flight(6, sunk, {"rolling_shutter": {"readout": 0.015}
 print(corridor.change.verdict_sentence(both))
 
 # %% [markdown]
-# The shutter is seen, and what a bowl of 30 mm does beside it is too little to be sure of: the
-# sentence says that the two cannot be told apart, and takes neither for the other.
+# Neither hides the other. With all that a camera could do, a date may lie some millimetres too high
+# or too low as a whole; what decides is that the bowl lies below the surface around it.
 #
 # ## 4. How sure is a number?
 #

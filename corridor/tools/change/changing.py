@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from corridor.core.simulation import Plan, read_plan, ready_made
 from corridor.tools.change.admission import (
     BOTH_FLIGHTS,
     FLIGHTS,
+    SLACK,
     Coordinates,
     Objection,
     held_apart,
@@ -45,17 +47,27 @@ from corridor.tools.change.explanation import (
     gathered,
 )
 from corridor.tools.change.joint import Joint
-from corridor.tools.change.layers import layers, typical
+from corridor.tools.change.layers import layers, level, smoothest, typical
+from corridor.tools.change.matching import without_gross_ties
 from corridor.tools.change.points import point_changes
 from corridor.tools.change.registration import registered
 from corridor.tools.change.result import Change, Compared
-from corridor.tools.change.sentence import patch_apart, patch_layers, patch_some
+from corridor.tools.change.sentence import (
+    mark_apart,
+    patch_apart,
+    patch_layers,
+    patch_level,
+    patch_some,
+    strips_apart,
+)
 from corridor.tools.change.signature import Signatures
+from corridor.tools.change.significance import two_sided
 from corridor.tools.change.surface import PatchChange, SurfaceChange, surface_change, volume
 from corridor.tools.change.together import joined
+from corridor.tools.change.witness import contradictions
 
 Dated = Block | Adjustment | str | os.PathLike
-_DATES = ("the first date", "the second date")
+_DATES, _BOTH = ("the first date", "the second date"), ("both dates",)
 _NO_COMMON_CONTROL = (
     "No control point is common to both dates: a constant error of the GNSS of either date moves "
     "everything and is in no standard deviation. State how large it may be (--gnss-bias 0.02), or "
@@ -75,7 +87,8 @@ def change(
 ) -> Change:
     """What moved between two dates, what the camera explains of it, and how sure that is.
 
-    before, after: blocks, their folders, or adjustments of them.
+    before, after: blocks, their folders, or adjustments of them, which are made again by the model
+        where gross errors of tie points decide them, or an effect is to be modelled.
     model: of both adjustments (default: that of `corridor.adjust`).
     common to same_ties: of `Comparison`: `datum="stable"`, `polygons={"toe": corners}`; asked:
         these as a whole.
@@ -95,7 +108,9 @@ def change(
     mistaken = [] if surveys is None else surveys.mistaken
     run.without_control(mistaken)
     adjusted = tuple(
-        one if isinstance(one, Adjustment) and not mistaken else run.adjust(block, name)
+        run.without_gross_ties(one, run.model)
+        if isinstance(one, Adjustment) and not mistaken
+        else run.adjust(block, name)
         for one, block, name in zip(given, blocks, _DATES, strict=True)
     )
     for one in adjusted:
@@ -118,7 +133,13 @@ def change(
     objections += _objections(remaining or compared, run.model)
     if not compared.joint.common_control and asked.bias is None and asked.datum == "stated":
         notes.append(_NO_COMMON_CONTROL)
-    notes += (patch_apart(*one) for one in (remaining or compared).torn)
+    epochs = (remaining or compared).joint.epochs
+    notes += (
+        strips_apart(epoch.overdispersion, date)
+        for epoch, date in zip(epochs, _DATES if len(epochs) == 2 else _BOTH, strict=True)
+        if epoch.overdispersion > SLACK
+    )
+    notes += (remaining or compared).apart
     names = tuple(block.name for block in blocks)
     return Change(
         names, run.asked, compared, remaining, explanation, gained, tuple(notes), tuple(objections)
@@ -219,6 +240,13 @@ class _Run:
             effects=(*self.model.effects, *slugs),
             priors={**known, **self.model.priors},
         )
+        return self.without_gross_ties(self._adjusted(block, model), model)
+
+    def without_gross_ties(self, found: Adjustment, model: Model) -> Adjustment:
+        """See `corridor.tools.change.matching`."""
+        return without_gross_ties(found, partial(self._adjusted, model=model))
+
+    def _adjusted(self, block: Block, model: Model) -> Adjustment:
         return adjustment.adjust(
             block, model=model, threads=self.threads, reject_gnss=self.asked.reject_gnss
         )
@@ -303,36 +331,66 @@ class _Run:
             self.say("what the camera could do to the ground")
             signatures = tuple(Signatures(epoch) for epoch in compared.joint.epochs)
         evidence = gathered(compared.joint, points, surface, signatures)
-        patches, torn, apart = [], [], []
-        for one in evidence.patches(0.5 * level):
-            patch = PatchChange.of(surface, evidence.cores_of(one), one.probability)
-            why = _no_ground(compared.joint, surface, patch, self.asked.surfaces["degree"])
-            if why is None:
-                patches.append(patch)
-            else:
-                torn.append((patch, why))
-                apart.append(one)
-        evidence = evidence.besides(apart)
+        apart = []
+        if points is not None and surface is not None:
+            against = contradictions(points, surface, level)
+            apart += (mark_apart(points, one) for one in against)
+            wrong = np.isin(np.arange(len(points)), [one.point for one in against])
+            evidence = evidence.besides(points=np.flatnonzero(wrong[points.free]))
+            points = replace(points, apart=wrong, moved=points.moved & ~wrong)
+        while True:
+            patches, gone = [], []
+            for one in evidence.patches(0.5 * level):
+                rows, weight = evidence.cores_of(one)
+                patch = PatchChange.of(surface, rows, one.probability)
+                # What is said of a patch is its mean, which has to show it too.
+                shown = two_sided(patch.change / patch.sigma) < level
+                if weight is not None and not (shown and patch.change * one.z > 0.0):
+                    patch = PatchChange.of(surface, rows, one.probability, weight)
+                elif not shown:
+                    continue
+                why, rows = _no_ground(compared.joint, surface, patch, **self.asked.surfaces)
+                if why is None:
+                    patches.append(patch)
+                    continue
+                apart.append(patch_apart(patch, why))
+                gone.append(np.unique(evidence.cells[:, rows].nonzero()[0]))
+            if not gone:
+                break
+            # What else moved there is found beside it.
+            evidence = evidence.besides(np.concatenate(gone))
         points = evidence.judged(points, level)
-        return replace(compared, points=points, patches=tuple(patches), torn=tuple(torn)), evidence
+        if points is not None and points.undecided is not None:
+            points = points.within(patches, surface)
+        return replace(
+            compared, points=points, patches=tuple(patches), apart=tuple(apart)
+        ), evidence
 
 
-def _no_ground(joint: Joint, surface: SurfaceChange, patch: PatchChange, degree: int) -> str | None:
-    """Why a patch is no ground, for a sentence: the strips of one date show two surfaces, or some
-    of its points alone lie higher at one date."""
+def _no_ground(
+    joint: Joint, surface: SurfaceChange, patch: PatchChange, degree: int, sampled: bool
+) -> tuple[str | None, np.ndarray]:
+    """Why a patch is no ground, for a sentence, and which core points are not: the strips of one
+    date show two surfaces, it is level as water is at both dates, or some of its points alone lie
+    higher at one date."""
     cores, clouds = surface.cores.only(patch.rows), (joint.before, joint.after)
     for cloud, date in zip(clouds, _DATES, strict=True):
         found = layers(cloud, cores, degree)
         if found is not None:
-            return patch_layers(found, date)
+            return patch_layers(found, date), patch.rows
+    flat = level(joint, cores, degree, smoothest(clouds, surface.cores, patch.rows, degree))
+    if flat is not None:
+        return patch_level(flat), np.flatnonzero(flat.shown(clouds, surface.cores, degree))
     higher = int(patch.change > 0.0)
     rough = np.nanmean(surface.roughness[patch.rows] ** 2, axis=0)
-    moved = typical(clouds, cores, degree)
+    some = np.flatnonzero(patch.weight)
+    each = typical(clouds, surface.cores.only(some), degree, sampled)
     if surface.registration is not None:
-        moved -= np.mean(surface.registration.of_motion[patch.rows])
+        each -= surface.registration.of_motion[some]
+    moved = float(patch.weight[some] @ each)
     # Nearer to no motion than to that of the mean; a hole makes the lower date the rougher one.
     some = moved / patch.change < 0.5 and rough[higher] > rough[1 - higher]
-    return patch_some(moved, _DATES[higher], cores.radius) if some else None
+    return (patch_some(moved, _DATES[higher], cores.radius) if some else None), patch.rows
 
 
 def _stable_names(compared: Compared, stable: Iterable[str] | None) -> list[str]:

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from corridor.core.adjustment import Adjustment, PointRegression, point_regression
 from corridor.core.geometry import Similarity, robust_scale
+from corridor.tools.change.matching import between_strips
 
 # What the names of points, images ... begin with where one adjustment holds both dates.
 BEFORE, AFTER = "before:", "after:"
@@ -34,7 +35,10 @@ class Epoch:
 
     def __init__(self, adjustment: Adjustment, laid: Similarity | None = None):
         self.adjustment, self.laid = adjustment, laid
-        self.system, self.sigma0 = adjustment.system, adjustment.sigma0
+        self.system = adjustment.system
+        # What changes hang on is the shape of the block, which strips have together.
+        self.overdispersion = between_strips(adjustment)
+        self.sigma0 = adjustment.sigma0 * self.overdispersion
         self.names = self.system.points.names
         self._gains: PointRegression | None = None
         self._number = np.full(len(self.names), -1)

@@ -10,6 +10,7 @@ the third was the camera.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +21,14 @@ from corridor.core.brief import brief
 from corridor.tools.change.joint import Joint
 from corridor.tools.change.points import PointChanges
 from corridor.tools.change.signature import Signatures
-from corridor.tools.change.significance import Patch, Test, normal_scores, patches, tested
+from corridor.tools.change.significance import (
+    Patch,
+    Test,
+    normal_scores,
+    patches,
+    patches_beside,
+    tested,
+)
 from corridor.tools.change.surface import SurfaceChange
 
 # Cells of the surface at most: their covariance is a dense matrix.
@@ -90,13 +98,24 @@ class Evidence:
         covariance = covariance[np.ix_(at, at)]
         sigma = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
         z = normal_scores(value[at] / sigma, self.freedom[at])
-        return patches(z, covariance / sigma[:, None] / sigma, self.near, level)
+        alike = covariance / sigma[:, None] / sigma
+        noise = np.diag(self.covariance)[at]
+        shifted = patches(z, alike, self.near, 0.5 * level)
+        beside = patches_beside(z * sigma, covariance, noise, self.places[at], 0.5 * level)
+        taken = [cell for one in shifted for cell in one.cells]
+        # Beside a bowl a whole date that is shifted is raised too: half of the most is its rim.
+        rims = (0.5 * np.abs(value[at][one.cells]).max() for one in shifted)
+        return [
+            replace(one, cells=one.cells[np.abs(value[at][one.cells]) > rim])
+            for one, rim in zip(shifted, rims, strict=True)
+        ] + [one for one in beside if not np.isin(one.cells, taken).any()]
 
-    def besides(self, some: list[Patch]) -> Evidence:
-        """The same without the cells of some patches."""
-        at = np.flatnonzero(self.of_surface)
-        gone = np.isin(np.arange(len(at)), [cell for one in some for cell in one.cells])
-        left = np.setdiff1d(np.arange(len(self)), at[gone])
+    def besides(self, cells: Iterable[int] = (), points: Iterable[int] = ()) -> Evidence:
+        """The same without some cells of the surface and some points, by their numbers here."""
+        gone = np.zeros(len(self), dtype=bool)
+        gone[np.flatnonzero(self.of_surface)[np.array([*cells], dtype=int)]] = True
+        gone[np.flatnonzero(~self.of_surface).reshape(-1, 3)[np.array([*points], dtype=int)]] = True
+        left, gone = np.flatnonzero(~gone), gone[self.of_surface]
         return replace(
             self,
             value=self.value[left],
@@ -109,9 +128,10 @@ class Evidence:
             near=None if self.near is None else self.near[np.ix_(~gone, ~gone)],
         )
 
-    def cores_of(self, patch: Patch) -> np.ndarray:
-        """Numbers of the core points of a patch."""
-        return np.unique(self.cells[patch.cells].indices)
+    def cores_of(self, patch: Patch) -> tuple[np.ndarray, np.ndarray | None]:
+        """Numbers of the core points of a patch, and its weights of all core points."""
+        weight = None if patch.weight is None else patch.weight @ self.cells
+        return np.unique(self.cells[patch.cells].indices), weight
 
     def judged(self, points: PointChanges | None, level: float) -> PointChanges | None:
         """Points that moved beside every effect told from those that an effect could have moved."""
@@ -170,7 +190,7 @@ def _cells(found: SurfaceChange) -> tuple[csr_array, np.ndarray]:
     """The matrix (c, k) that takes the mean of the core points in each cell of the surface, and
     which cells (c, c) touch."""
     where = np.column_stack([found.cores.station, found.cores.across])
-    size = 2.0 * found.cores.radius
+    size = found.cores.radius
     while True:
         # A core on an edge is of the next cell, whatever rounding makes of it.
         cell = np.floor(where / size + 1e-6).astype(int)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 import pandas as pd
 from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
 from scipy.stats import chi2
 
 from corridor.core.brief import brief
@@ -15,6 +17,7 @@ from corridor.core.output import with_units
 from corridor.tools.change.joint import Joint, common_control, displacements
 from corridor.tools.change.registration import MOTIONS, motions_at, s_transformation, stable_weights
 from corridor.tools.change.significance import Congruency, congruency, discoveries
+from corridor.tools.change.surface import PatchChange, SurfaceChange
 
 
 @brief
@@ -23,7 +26,8 @@ class PointChanges:
     """Displacements of named points, after minus before.
 
     names (k,), xyz (k, 3) before, shift (k, 3), m; covariance (3k, 3k), of both epochs together.
-    held (k,): control with the same coordinates in both, which cannot show a motion. probability
+    held (k,): control with the same coordinates in both, which cannot show a motion. apart (k,):
+    points that the surface around them contradicts; they show none either. probability
     (k,) of so large a displacement, were there none; moved, stable (k,). overall: the global test
     of all that are not held. functions: the displacements (3k,), see `Joint`.
     beside (k,): the probability once every effect of camera and flight is estimated in each epoch,
@@ -40,6 +44,7 @@ class PointChanges:
     moved: np.ndarray
     overall: Congruency
     functions: csr_array = field(repr=False)
+    apart: np.ndarray | None = None
     beside: np.ndarray | None = None
     undecided: np.ndarray | None = None
 
@@ -47,9 +52,14 @@ class PointChanges:
         return len(self.names)
 
     @property
+    def free(self) -> np.ndarray:
+        """Points that can show a motion (k,)."""
+        return ~self.held if self.apart is None else ~(self.held | self.apart)
+
+    @property
     def stable(self) -> np.ndarray:
         """Points that do not move as far as can be seen (k,)."""
-        unmoved = ~self.moved & ~self.held
+        unmoved = ~self.moved & self.free
         return unmoved if self.undecided is None else unmoved & ~self.undecided
 
     @property
@@ -70,6 +80,8 @@ class PointChanges:
         words = np.where(self.held, "held", np.where(self.moved, "moved", "stable"))
         if self.undecided is not None:
             words = np.where(self.undecided, "undecided", words)
+        if self.apart is not None:
+            words = np.where(self.apart, "contradicted", words)
         table = pd.DataFrame({"point": self.names})
         table[["x", "y", "z"]] = self.xyz
         table[["dx", "dy", "dz"]] = self.shift
@@ -79,17 +91,27 @@ class PointChanges:
             table["beside_effects"] = self.beside
         return with_units(table.assign(verdict=words), {"m": "x y z dx dy dz sx sy sz"})
 
+    def within(self, patches: Iterable[PatchChange], surface: SurfaceChange) -> PointChanges:
+        """The same points, of which those that are undecided moved where a patch of the surface
+        did, whatever effects there are, and they are nearer to its change than to none."""
+        sure = np.zeros(len(self), dtype=bool)
+        for one in patches:
+            places = surface.cores.xyz[one.rows, :2]
+            inside = cKDTree(places).query(self.xyz[:, :2])[0] < surface.cores.radius
+            sure |= inside & self.undecided & (self.shift[:, 2] / one.change > 0.5)
+        return replace(self, moved=self.moved | sure, undecided=self.undecided & ~sure)
+
     def beside_effects(
         self, shift: np.ndarray, covariance: np.ndarray, level: float, changed: bool
     ) -> PointChanges:
         """The same points with what is left beside effects of camera and flight.
 
-        shift (3f,), m, covariance (3f, 3f) of the f points that are not held, with every effect
+        shift (3f,), m, covariance (3f, 3f) of the f points that are free, with every effect
         estimated. level: false discovery rate. changed: whether points and surface together show
         a change; without one, none is localised (Pelzer 1971: first the global test). What no
         single point shows, all of them together may: see `localised`.
         """
-        beside, free = np.full(len(self), np.nan), np.flatnonzero(~self.held)
+        beside, free = np.full(len(self), np.nan), np.flatnonzero(self.free)
         for row, k in enumerate(free):
             at = slice(3 * row, 3 * row + 3)
             beside[k] = congruency(shift[at], covariance[at, at]).probability

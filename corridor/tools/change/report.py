@@ -50,7 +50,9 @@ _VERDICTS = {
 
 def of_change(change) -> Report:
     """The report of a `Change`: one sentence first."""
-    warnings = [*remedies(change), *change.notes, *_datum(change), *_adjusted(change)]
+    said = verdict_sentence(change)
+    notes = (note for note in change.notes if note not in said)
+    warnings = [*remedies(change), *notes, *_datum(change), *_adjusted(change)]
     tables = []
     if change.points is not None:
         tables.append(_points(change.points))
@@ -61,7 +63,7 @@ def of_change(change) -> Report:
     if change.volumes:
         tables.append(_volumes(change.volumes))
     title = f"Change from {change.names[0]} to {change.names[1]}"
-    return Report(title, verdict_sentence(change), warnings, tables)
+    return Report(title, said, warnings, tables)
 
 
 def to_dict(change) -> dict:
@@ -76,7 +78,7 @@ def to_dict(change) -> dict:
         "remedies": remedies(change),
         "objections": [vars(one) for one in change.objections],
         "patches": [
-            {name: value for name, value in vars(one).items() if name != "rows"}
+            {name: value for name, value in vars(one).items() if name not in ("rows", "weight")}
             for one in change.final.patches
         ],
         "level": change.asked.level,

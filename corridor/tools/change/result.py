@@ -24,7 +24,8 @@ LEAST_POINTS, FAR_APART = 3, 3.0
 class Compared:
     """Points, surface and volumes of one pair of adjustments.
 
-    patches: of the surface that moved. torn: those that are no ground, and why, for a sentence.
+    patches: of the surface that moved. apart: what seems to move and is no ground, and why: a
+    sentence each.
     """
 
     adjustments: tuple[Adjustment, Adjustment]
@@ -33,7 +34,7 @@ class Compared:
     surface: SurfaceChange | None
     volumes: dict[str, Volume]
     patches: tuple[PatchChange, ...] = ()
-    torn: tuple[tuple[PatchChange, str], ...] = ()
+    apart: tuple[str, ...] = ()
 
     @property
     def moved(self) -> bool:
@@ -54,21 +55,18 @@ class Compared:
             return None
         ways = {np.sign(one.change) for one in self.patches}
         rows = np.concatenate([one.rows for one in self.patches])
-        tree = cKDTree(surface.cores.xyz[rows, :2])
-        # Control that fits both dates stands still too.
-        inside = tree.query(points.xyz[:, :2])[0] < surface.cores.radius
+        # Control that fits both dates stands still too. At the rim of a bowl both move little.
+        away, at = cKDTree(surface.cores.xyz[:, :2]).query(points.xyz[:, :2])
+        inside = np.isin(at, rows) & (away < surface.cores.radius)
         if len(ways) > 1 or inside.sum() < LEAST_POINTS:
             return None
-        # The surface where these points are: at the rim of a bowl both move little.
-        marks = cKDTree(points.xyz[inside, :2])
-        around = marks.query(surface.cores.xyz[rows, :2])[0] < surface.cores.radius
         up = np.flatnonzero(inside) * 3 + 2
         weight = np.full(len(up), 1.0 / len(up))
         still = float(weight @ points.shift[inside, 2])
         sigma = float(np.sqrt(weight @ points.covariance[np.ix_(up, up)] @ weight))
         whole, there = (
             PatchChange.of(surface, some, max(p.probability for p in self.patches))
-            for some in (rows, rows[around])
+            for some in (rows, np.unique(at[inside]))
         )
         apart = abs(there.change - still) / np.hypot(there.sigma, sigma)
         if apart < FAR_APART or abs(still) > FAR_APART * sigma:

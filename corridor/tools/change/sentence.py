@@ -40,11 +40,13 @@ def verdict_sentence(change) -> str:
         return _camera(told, _size(change.compared))
     if change.verdict == "undecided":
         return _undecided(told, _size(change.compared)) + besides
-    said = f"No change is significant at the level of {100 * change.asked.level:g} %"
-    if surface is None:
-        return f"{said}."
-    seen = 1000 * np.median(surface.detection)
-    return f"{said}; in half of the surface a change of {seen:.0f} mm would be detected (95 %)."
+    apart = change.final.apart
+    what = "change of the ground" if apart else "change"
+    said = f"No {what} is significant at the level of {100 * change.asked.level:g} %"
+    if surface is not None:
+        seen = 1000 * np.median(surface.detection)
+        said += f"; in half of the surface a change of {seen:.0f} mm would be detected (95 %)"
+    return " ".join([f"{said}.", *apart[:1]])
 
 
 def _unfit(objections) -> str:
@@ -93,9 +95,10 @@ def _moved(found) -> str:
         )
     for one in sorted(found.patches, key=lambda p: -abs(p.change / p.sigma))[:1]:
         way = "sank" if one.change < 0 else "rose"
+        against = " against the surface around it" if one.local else ""
         what = (
             f"patch of {one.area:.0f} m\u00b2 of the surface {way} by "
-            f"{millimetres(abs(one.change), one.sigma)} in the mean, around station "
+            f"{millimetres(abs(one.change), one.sigma)} in the mean{against}, around station "
             f"{one.station:.0f} m, {_aside(one.across)}."
         )
         alone = (
@@ -129,6 +132,38 @@ def patch_apart(patch, why: str) -> str:
     return (
         f"A patch of {patch.area:.0f} m\u00b2 around station {patch.station:.0f} m, "
         f"{_aside(patch.across)}, does not count: {why}"
+    )
+
+
+def strips_apart(times: float, date: str) -> str:
+    """How much worse matches are between strips than within them."""
+    return (
+        f"At {date} matches between strips are {fixed(times, 1)} times as uncertain as within "
+        "them, off by the same in all pictures of a strip; so much larger all standard deviations "
+        "count. More overlap across, or crossed strips, would lower them."
+    )
+
+
+def mark_apart(points, found) -> str:
+    """That a point does not count, as the surface around it contradicts it; found: a
+    `Contradiction`."""
+    way = _way(points.shift[found.point], points.sigma[found.point])
+    return (
+        f"Point {points.names[found.point]} {way}, which the surface within {found.radius:.2g} m "
+        f"of it contradicts: along its normal that changed by "
+        f"{millimetres(found.surface, found.surface_sigma)}, the point by "
+        f"{millimetres(found.moved, found.moved_sigma)}. The mark was moved, or measured in "
+        "another place; it does not count."
+    )
+
+
+def patch_level(found) -> str:
+    """Its points share one height at both dates; found: a `Level`."""
+    rise = found.heights[1] - found.heights[0]
+    way = "higher" if rise > 0 else "lower"
+    return (
+        f"at each date its points share one height, level within {1000 * found.within:.0f} mm as "
+        f"still water is, which is {abs(rise):.2f} m {way} at the second date."
     )
 
 

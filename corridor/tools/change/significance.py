@@ -7,7 +7,7 @@ discovery rate); Nichols and Hayasaka 2003 (clusters, the largest of each null m
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -119,11 +119,13 @@ def tested(
 @dataclass(frozen=True)
 class Patch:
     """Neighbouring cells that moved one way. cells: their numbers; z: of their sum, in its standard
-    deviations; probability: of a patch as significant anywhere, were nothing moved."""
+    deviations; probability: of a patch as significant anywhere, were nothing moved. weight (k,):
+    of all cells, where the change is one against those around; None: the mean of its cells."""
 
     cells: np.ndarray
     z: float
     probability: float
+    weight: np.ndarray | None = None
 
 
 def patches(z: np.ndarray, correlation: np.ndarray, near: np.ndarray, level: float) -> list[Patch]:
@@ -147,6 +149,74 @@ def patches(z: np.ndarray, correlation: np.ndarray, near: np.ndarray, level: flo
         if more < level:
             out.append(Patch(cells, size, max(more, 1.0 / MAPS)))
     return sorted(out, key=lambda one: -abs(one.z))
+
+
+def patches_beside(
+    value: np.ndarray, covariance: np.ndarray, noise: np.ndarray, places: np.ndarray, level: float
+) -> list[Patch]:
+    """Pieces that moved against what lies around them, one after the other, the surest first.
+
+    value (k,), covariance (k, k): of cells at places (k, 2). Camera and datum bend all of a date at
+    once, so that the cells farther off than two radii predict what they do to a disc; noise (k,):
+    variances of each cell beside that, so that no difference of neighbours is trusted to its last
+    digit. Maps of nothing with the covariance say what comes by chance. The piece is what lies
+    farther from what is predicted than half of the disc does.
+    Source: Kulldorff 1997 (scan statistic), Wackernagel 2003 (simple kriging).
+    """
+    rest, out = np.arange(len(value)), []
+    while True:
+        among = np.ix_(rest, rest)
+        found = _beside(value[rest], covariance[among], noise[rest], places[rest], level)
+        if found is None:
+            return out
+        patch, near = found
+        weight = np.zeros(len(value))
+        weight[rest] = patch.weight
+        out.append(replace(patch, cells=rest[patch.cells], weight=weight))
+        # What moved predicts others wrongly, which stand still.
+        rest = np.delete(rest, near)
+
+
+def _beside(
+    value: np.ndarray, covariance: np.ndarray, noise: np.ndarray, places: np.ndarray, level: float
+) -> tuple[Patch, np.ndarray] | None:
+    """The most significant piece of `patches_beside`, and the cells in and near its disc."""
+    discs = list(_discs(places))
+    if not discs:
+        return None
+    blunt = np.linalg.inv(covariance + np.diag(noise))
+    weight, left = np.empty((len(discs), len(value))), []
+    for k, (disc, near) in enumerate(discs):
+        # What is left of the cells nearby once those beyond have predicted them.
+        left.append(np.linalg.solve(blunt[np.ix_(near, near)], blunt[near]))
+        weight[k] = left[-1][np.isin(near, disc)].mean(axis=0)
+    known, vector = np.linalg.eigh(covariance)
+    along = weight @ (vector * np.sqrt(np.maximum(known, 0.0)))
+    sigma = np.maximum(np.linalg.norm(along, axis=1), np.finfo(float).tiny)
+    z = weight @ value / sigma
+    best = int(np.argmax(np.abs(z)))
+    draws = np.random.default_rng(0).normal(size=(len(value), MAPS))
+    largest = np.abs(along / sigma[:, None] @ draws).max(axis=0)
+    more = float(np.mean(largest >= abs(z[best])))
+    if more >= level:
+        return None
+    near, beyond = discs[best][1], left[best] @ value / (weight[best] @ value) > 0.5
+    own = left[best][beyond].mean(axis=0)
+    return Patch(near[beyond], float(z[best]), max(more, 1.0 / MAPS), own), near
+
+
+def _discs(places: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Numbers of the places (k, 2) in discs of several sizes around each of them, and of those
+    nearer than two radii: less than half."""
+    away = np.linalg.norm(places[:, None] - places, axis=2)
+    nearest = np.partition(away, 1, axis=1)[:, 1] if len(places) > 1 else np.zeros(1)
+    radius, last = 1.1 * float(np.median(nearest)), 0.25 * float(away.max(initial=0.0))
+    while 0.0 < radius <= last:
+        for distance in away:
+            disc, near = (np.flatnonzero(distance <= r) for r in (radius, 2.0 * radius))
+            if len(disc) > 1 and 2 * len(near) < len(places):
+                yield disc, near
+        radius *= np.sqrt(2.0)
 
 
 def _clusters(maps, correlation, near) -> Iterator[tuple[int, np.ndarray, float]]:

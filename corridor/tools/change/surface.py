@@ -243,7 +243,8 @@ class PatchChange:
     """A patch of the surface that moved one way: mean change and its standard deviation, m.
 
     rows: its core points. station, across: where it moved most, m. area: m^2. probability: of one
-    as significant anywhere on the surface, were nothing moved.
+    as significant anywhere on the surface, were nothing moved. weight (k,): of all core points in
+    the change. local: whether it is one against the surface around.
     """
 
     rows: np.ndarray
@@ -253,23 +254,35 @@ class PatchChange:
     across: float
     area: float
     probability: float
+    weight: np.ndarray
+    local: bool = False
 
     @classmethod
-    def of(cls, surface: SurfaceChange, rows: np.ndarray, probability: float) -> PatchChange:
-        """The mean of some core points."""
-        mean = np.zeros((1, len(surface)))
-        mean[0, rows] = 1.0 / len(rows)
-        d = surface.distance[rows]
+    def of(
+        cls,
+        surface: SurfaceChange,
+        rows: np.ndarray,
+        probability: float,
+        weight: np.ndarray | None = None,
+    ) -> PatchChange:
+        """The mean of some core points; weight: of a change against the surface around them."""
+        local = weight is not None
+        if not local:
+            weight = np.zeros(len(surface))
+            weight[rows] = 1.0 / len(rows)
         # What moved most says where.
-        weight = d**2 / np.sum(d**2)
+        most = np.ones(len(rows)) if local else surface.distance[rows] ** 2
+        most = most / most.sum()
         return cls(
             rows=rows,
-            change=float(d.mean()),
-            sigma=float(surface.sigma_of_sums(mean)[0]),
-            station=float(weight @ surface.cores.station[rows]),
-            across=float(weight @ surface.cores.across[rows]),
+            change=float(weight @ surface.distance),
+            sigma=float(surface.sigma_of_sums(weight[None])[0]),
+            station=float(most @ surface.cores.station[rows]),
+            across=float(most @ surface.cores.across[rows]),
             area=float(len(rows) * surface.cores.spacing**2),
             probability=probability,
+            weight=weight,
+            local=local,
         )
 
 

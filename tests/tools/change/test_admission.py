@@ -12,7 +12,8 @@ from corridor.core.errors import InputError
 from corridor.tools.change import Signatures
 from corridor.tools.change.admission import Coordinates, misfits, slips
 from corridor.tools.change.epoch import Epoch
-from corridor.tools.change.significance import patches
+from corridor.tools.change.m3c2 import polynomial
+from corridor.tools.change.significance import patches, patches_beside
 from tests.block_folder import small
 
 
@@ -121,7 +122,7 @@ def test_what_fits_is_admitted_and_what_does_not_is_named_with_its_worst():
 def test_water_is_no_ground(seed):
     """Two strips fly over it in opposite directions, and see two surfaces."""
     found = corridor.change(*two_dates.pair("moving water", seed))
-    assert found.verdict != "moved" and found.final.torn
+    assert found.verdict != "moved" and found.final.apart
     assert "does not count: at the second date" in " ".join(str(found).split())
 
 
@@ -159,6 +160,54 @@ class TestPatches:
         assert len(found) == 1
         np.testing.assert_array_equal(found[0].cells, np.flatnonzero(inside))
         assert not patches(np.where(np.arange(96) == 40, 2.5, 0.0), self.alike, self.near, 0.01)
+
+
+class TestPatchesBesideTheirSurroundings:
+    """The same map, of a datum that shifts, tilts and bends it by far more than its cells err."""
+
+    place = 5.0 * TestPatches.place.astype(float)
+    shape = polynomial(*(place - place.mean(axis=0)).T / 30.0, 2)
+    errors = TestPatches.alike + 30.0**2 * shape @ shape.T
+    noise = np.ones(len(place))
+
+    def maps(self, count, seed):
+        root = np.linalg.cholesky(self.errors)
+        return np.random.default_rng(seed).normal(size=(count, len(self.place))) @ root.T
+
+    def found(self, value, level):
+        return patches_beside(value, self.errors, self.noise, self.place, level)
+
+    def test_maps_of_nothing_show_one_as_often_as_asked(self):
+        found = sum(bool(self.found(z, 0.05)) for z in self.maps(60, 1))
+        assert binom.ppf(0.0005, 60, 0.05) <= found <= binom.ppf(0.9995, 60, 0.05)
+
+    def test_a_bowl_is_found_that_the_datum_hides_and_nothing_else(self):
+        """As the coordinates say, no cell of it is larger than a third of its sigma."""
+        sigma = np.sqrt(np.diag(self.errors))
+        alike = self.errors / sigma[:, None] / sigma
+        centre = np.array([30.0, 20.0])
+        bowl = -9.0 * np.exp(-0.5 * np.sum((self.place - centre) ** 2, axis=1) / 6.0**2)
+        others = 0
+        for z in self.maps(10, 2):
+            value = z + bowl
+            assert not patches(value / sigma, alike, TestPatches.near, 0.01)
+            first, *more = self.found(value, 0.01)
+            others += len(more)
+            assert first.z < 0.0
+            assert np.linalg.norm(self.place[first.cells].mean(axis=0) - centre) < 8.0
+            # It is the bowl against its surroundings that is stated, not the datum.
+            error = np.sqrt(first.weight @ self.errors @ first.weight)
+            assert abs(first.weight @ z) < 4.0 * error
+            assert first.weight @ bowl < -3.0
+        assert others <= 2
+
+    def test_two_of_either_sign_are_found_both(self):
+        bumps = [
+            sign * 9.0 * np.exp(-0.5 * np.sum((self.place - centre) ** 2, axis=1) / 5.0**2)
+            for sign, centre in ((-1.0, [10.0, 10.0]), (1.0, [45.0, 25.0]))
+        ]
+        found = self.found(self.maps(1, 3)[0] + sum(bumps), 0.01)
+        assert {np.sign(one.z) for one in found} == {-1.0, 1.0}
 
 
 def test_a_settlement_beside_a_shutter_is_said_with_its_place_and_sign():

@@ -47,36 +47,32 @@ def test_nothing_moved_in_minutes(adjusted, same_ties):
 def between_strips(block):
     """Which tie observations (n,) are of points that two strips show."""
     strip = block.tie_points["image"].map(block.images.set_index("image")["strip"])
-    return strip.groupby(block.tie_points["point"]).transform("nunique").to_numpy() > 1, strip
+    return strip.groupby(block.tie_points["point"]).transform("nunique").to_numpy() > 1
 
 
-def test_what_is_left_of_a_point_hangs_on_matches_between_strips(dates, adjusted):
-    """GCP10 goes down by 217 mm, 3.3 of its sigmas. 3 to 5 % of the tie points, at the rims of
-    the pictures, tie the two strips of a date together. A match is off by the same in all pictures
-    of a strip: the means of the strips scatter by twice what their noise allows and more, so these
-    points say less than as many free observations. Without them nothing is left, there or
-    elsewhere, with no effect of the camera at all.
+def test_what_hangs_on_matches_between_strips_is_as_uncertain_as_they_are(dates, adjusted):
+    """GCP10 goes down by 236 mm, and all surface around it. 3 to 5 % of the tie points, at the rims
+    of the pictures, tie the two strips of a date together. A match is off by the same in all
+    pictures of a strip: the means of the strips scatter by twice what free errors would, and
+    nothing is significant. Without these matches nothing is left, there or elsewhere.
     """
     apart = []
-    for block, one in zip(dates, adjusted, strict=True):
-        shared, strip = between_strips(block)
-        rows = one.residuals["tie"][shared]
-        tracks = rows.groupby([rows["point"], strip[shared].to_numpy()])["vy"]
-        noise = np.sqrt(np.nanmean(tracks.var() / tracks.size()))
-        assert np.sqrt(np.mean(tracks.mean() ** 2)) > 2.0 * noise
+    for block in dates:
+        shared = between_strips(block)
         part = block.copy()
         part.tie_points = part.tie_points[~shared].reset_index(drop=True)
         apart.append(corridor.adjust(part))
     with_them = corridor.change(*adjusted, same_ties=True, camera=False)
     without = corridor.change(*apart, same_ties=True, camera=False)
-    assert with_them.points.probability[~with_them.points.held].min() < 0.01
-    assert without.points.probability[~without.points.held].min() > 0.1
-    assert without.verdict == "nothing" and not without.surface.moved.any()
-    spread = [
-        np.sqrt(np.mean((found.surface.distance / found.surface.total) ** 2))
-        for found in (with_them, without)
-    ]
-    assert spread[0] > 1.4 and spread[1] < 1.05
+    assert [epoch.overdispersion > 1.9 for epoch in with_them.final.joint.epochs] == [True, True]
+    assert [epoch.overdispersion for epoch in without.final.joint.epochs] == [1.0, 1.0]
+    assert "times as uncertain as within" in " ".join(str(with_them).split())
+    for found in (with_them, without):
+        assert found.points.probability[~found.points.held].min() > 0.1
+        assert found.verdict == "nothing" and not found.surface.moved.any()
+        spread = np.sqrt(np.mean((found.surface.distance / found.surface.total) ** 2))
+        # Never too small; what is shared errs alike, and one draw of it may be small.
+        assert spread < 1.05
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +120,10 @@ def test_a_patch_that_sinks_is_found_in_size_and_place(dates, adjusted, depth):
         rows[["x", "y"]] = rows[["x", "y"]].to_numpy(float) + step
     options = {"same_ties": True, "camera": False, "spacing": 9.8}
     before = corridor.change(*adjusted, **options).surface
-    after = corridor.change(adjusted[0], corridor.adjust(block), **options).surface
+    found = corridor.change(adjusted[0], corridor.adjust(block), **options)
+    # As much as a bent block shows is not said to be the one point's motion.
+    assert found.verdict == "nothing"
+    after = found.surface
     assert len(before) == len(after)
     away = np.linalg.norm(after.cores.xyz[:, :2] - place, axis=1)
     step = after.distance - before.distance
