@@ -17,12 +17,13 @@ from corridor.core.adjustment import Adjustment
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis.evidence.blunders import listed_points
 from corridor.diagnosis.evidence.evidence import Evidence
+from corridor.diagnosis.evidence.lens import lens_group
 from corridor.diagnosis.evidence.profile_likelihood import beyond_noise
 from corridor.diagnosis.evidence.scores import as_spread
 from corridor.diagnosis.evidence.search import Found, tuned
 from corridor.diagnosis.findings.findings import Findings, Unknown
 from corridor.diagnosis.findings.location import locate
-from corridor.diagnosis.findings.verdict import in_place_of, kind_of, shapes
+from corridor.diagnosis.findings.verdict import in_place_of, kind_of, near_rivals, shapes
 from corridor.diagnosis.forward_selection import Course
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS
@@ -88,6 +89,7 @@ class Verification:
         self._prove_images()
         self._drop_idle()
         self.lens = self._ask_lens()
+        self._ask_rivals()
         if not few:
             self._keep_shapes()
             self._choose()
@@ -348,6 +350,51 @@ class Verification:
         for one in self.findings.unknown:
             one.correction = "useless"
         self._go_on(others, bare)
+
+    def _ask_rivals(self) -> None:
+        """Say no effect alone that brings nothing sure beside another in whose place it stands.
+
+        A fit bends to what is in it, poses and weights: from there a rival looks worse than it is.
+        So it is asked where the rival has been adjusted.
+        """
+        last = self._last
+        for key in dict.fromkeys(one.key for one in self.findings.effects if one.kind == "named"):
+            n = last.evidence.number.get(key)
+            if n is None or n not in last.found.chosen or key not in self.used:
+                continue
+            if n in last.found.kept or self._groups[n].own is not None:
+                continue
+            keys = [self._groups[k].key for k in near_rivals(last, n)[: SETTINGS.most_rivals]]
+            fits = self._fits(keys, key)
+            alike = [
+                self._groups[last.evidence.number[rival]]
+                for rival, fit in fits.items()
+                if self._beside(key, rival, fit) <= SETTINGS.look_alike_log_odds
+            ]
+            for one in self.findings.effects:
+                if one.key == key:
+                    one.or_one_of(self._groups[n], alike)
+
+    def _beside(self, key: str, rival: str, fit: Adjustment) -> float:
+        """Evidence of a group of the model beside its rival, at the fit with that in its place."""
+        last = self._last
+        lens = [] if last.lens is None else [last.lens.group.key]
+        keys = list(dict.fromkeys([*self.used, rival, *lens]))
+        effects = self._course.members(keys)
+        e, rows = equations(fit, effects, self._believed.priors_of(effects)), ()
+        shape = lens_group(e)
+        if last.lens is not None and shape is not None:
+            rows = replace(last.lens, group=shape).rows
+        evidence = Evidence(Elimination(e, last.noise, rows).reduced())
+        was, number = last.found.chosen, evidence.number
+        beside = {
+            number[one]: was.get(last.evidence.number[one], 1.0)
+            for one in keys
+            if one not in (key, *lens) and one in number
+        }
+        n = number[key]
+        evidence.inflation[n] = last.evidence.inflation[last.evidence.number[key]]
+        return evidence.given(tuned(evidence, beside), spread=True, only=n)[n].evidence
 
     def _choose(self) -> None:
         """Of what cannot be told apart, the one that check points speak for, or else held-out ties.
