@@ -16,8 +16,6 @@ import pandas as pd
 from corridor.core.adjustment import Adjustment
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis.evidence.blunders import listed_points
-from corridor.diagnosis.evidence.evidence import Evidence
-from corridor.diagnosis.evidence.lens import lens_group
 from corridor.diagnosis.evidence.profile_likelihood import beyond_noise
 from corridor.diagnosis.evidence.scores import as_spread
 from corridor.diagnosis.evidence.search import Found, tuned
@@ -27,8 +25,6 @@ from corridor.diagnosis.findings.verdict import in_place_of, kind_of, near_rival
 from corridor.diagnosis.forward_selection import Course
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS
-from corridor.diagnosis.system.elimination import Elimination
-from corridor.diagnosis.system.equations import equations
 from corridor.diagnosis.system.groups import Group
 from corridor.diagnosis.verification.all_ground import AllGround, contradicted
 from corridor.diagnosis.verification.held_out import (
@@ -274,8 +270,8 @@ class Verification:
                 fit = self._believed.adjust(self._course.members(others), turned, True, bare)
             except (InputError, AdjustmentFailed):
                 return 0.0
-            e = equations(fit, [group.effect], self._believed.priors_of([group.effect]))
-            evidence = Evidence(Elimination(e, self._last.noise).reduced())
+            priors = self._believed.priors_of([group.effect])
+            evidence = self._last.evidence_at(fit, [group.effect], priors, lens=False)
             (gain,) = evidence.given({})
             proper = np.array([n in group.effect.proper for _, n, _ in evidence.groups[0].labels])
             without = np.where(proper, 1.0 / SETTINGS.free_size, gain.kappa)
@@ -377,23 +373,18 @@ class Verification:
 
     def _beside(self, key: str, rival: str, fit: Adjustment) -> float:
         """Evidence of a group of the model beside its rival, at the fit with that in its place."""
-        last = self._last
-        lens = [] if last.lens is None else [last.lens.group.key]
-        keys = list(dict.fromkeys([*self.used, rival, *lens]))
+        last, number = self._last, self._last.evidence.number
+        lens = None if last.lens is None else last.lens.group.key
+        keys = dict.fromkeys(one for one in (*self.used, rival) if one in number and one != lens)
         effects = self._course.members(keys)
-        e, rows = equations(fit, effects, self._believed.priors_of(effects)), ()
-        shape = lens_group(e)
-        if last.lens is not None and shape is not None:
-            rows = replace(last.lens, group=shape).rows
-        evidence = Evidence(Elimination(e, last.noise, rows).reduced())
-        was, number = last.found.chosen, evidence.number
+        evidence = last.evidence_at(fit, effects, self._believed.priors_of(effects))
         beside = {
-            number[one]: was.get(last.evidence.number[one], 1.0)
+            evidence.number[one]: last.found.chosen.get(number[one], 1.0)
             for one in keys
-            if one not in (key, *lens) and one in number
+            if one != key
         }
-        n = number[key]
-        evidence.inflation[n] = last.evidence.inflation[last.evidence.number[key]]
+        n = evidence.number[key]
+        evidence.inflation[n] = last.evidence.inflation[number[key]]
         return evidence.given(tuned(evidence, beside), spread=True, only=n)[n].evidence
 
     def _choose(self) -> None:
