@@ -95,8 +95,8 @@ class ReferenceModel:
     ) -> Adjustment:
         """By the solver alone: all adjustments that are compared are of the same observations.
 
-        brief: few iterations are given, and more where the cost still falls. near, motion: as of
-        `core.adjustment.refit`.
+        brief: few iterations are given. Then a fifth of all, and all where the cost still falls.
+        near, motion: as of `core.adjustment.refit`.
         """
         most = self.run.max_iterations or SETTINGS.iterations
         few = min(SETTINGS.iterations_of_shapes, most)
