@@ -92,8 +92,12 @@ def kind_of(one: Round, n: int) -> str:
     """Whether a group that a round found is `named`, by its evidence, or only `suspected`."""
     if n in one.found.kept:
         return "named"
-    limit = one.threshold["beside_noise" if _like_noise(one, n) else "named"]
-    return "named" if one.found.evidence[n] > limit else "suspected"
+    return "named" if one.found.evidence[n] > limit_of(one, n) else "suspected"
+
+
+def limit_of(one: Round, n: int) -> float:
+    """Log evidence beyond which a group is named."""
+    return one.threshold["beside_noise" if _like_noise(one, n) else "named"]
 
 
 def _like_noise(one: Round, n: int) -> bool:

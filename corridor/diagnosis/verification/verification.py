@@ -21,7 +21,7 @@ from corridor.diagnosis.evidence.scores import as_spread
 from corridor.diagnosis.evidence.search import Found, tuned
 from corridor.diagnosis.findings.findings import Findings, Unknown
 from corridor.diagnosis.findings.location import locate
-from corridor.diagnosis.findings.verdict import in_place_of, kind_of, near_rivals, shapes
+from corridor.diagnosis.findings.verdict import in_place_of, kind_of, limit_of, near_rivals, shapes
 from corridor.diagnosis.forward_selection import Course
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS
@@ -348,7 +348,7 @@ class Verification:
         self._go_on(others, bare)
 
     def _ask_rivals(self) -> None:
-        """Say no effect alone that brings nothing sure beside another in whose place it stands.
+        """Say no effect alone that would not be named beside another in whose place it stands.
 
         A fit bends to what is in it, poses and weights: from there a rival looks worse than it is.
         So it is asked where the rival has been adjusted.
@@ -365,7 +365,7 @@ class Verification:
             alike = [
                 self._groups[last.evidence.number[rival]]
                 for rival, fit in fits.items()
-                if self._beside(key, rival, fit) <= SETTINGS.look_alike_log_odds
+                if self._beside(key, rival, fit) <= limit_of(last, n)
             ]
             for one in self.findings.effects:
                 if one.key == key:
@@ -384,8 +384,8 @@ class Verification:
             if one != key
         }
         n = evidence.number[key]
-        evidence.inflation[n] = last.evidence.inflation[number[key]]
-        return evidence.given(tuned(evidence, beside), spread=True, only=n)[n].evidence
+        # Between groups that compete no factor on the scores of one counts: see `given`.
+        return evidence.given(tuned(evidence, beside), only=n)[n].evidence
 
     def _choose(self) -> None:
         """Of what cannot be told apart, the one that check points speak for, or else held-out ties.
