@@ -7,7 +7,7 @@ linearisation that of the truth, and only then can weaker effects be seen.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -77,6 +77,16 @@ class Round:
         found = self.found.evidence
         strong = {self.evidence.groups[n].key for n in found if found[n] > SETTINGS.clear_evidence}
         return self.noises.misstated if strong <= set(self.log["model"]) else None
+
+    def evidence_at(
+        self, fit: Adjustment, effects: list[Effect], priors: dict, lens: bool = True
+    ) -> Evidence:
+        """What another fit says of effects, with the noise of the GNSS and the lens of this one."""
+        shapes = [] if self.lens is None or not lens else [self.lens.group.effect]
+        e, rows = equations(fit, [*effects, *shapes], priors), ()
+        if shapes and (group := lens_group(e)) is not None:
+            rows = replace(self.lens, group=group).rows
+        return Evidence(Elimination(e, self.noise, rows).reduced())
 
     def let_go(self) -> None:
         """Forget what can be made anew, once the findings are known."""

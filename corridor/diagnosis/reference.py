@@ -42,8 +42,9 @@ _LAST = 5
 class ReferenceModel:
     """A block and the options of its adjustment.
 
-    model: what the user believes in; its priors are also of candidates. begun: where poses, points
-    and cameras were left by an adjustment: the next one starts from there, its robust loss anew.
+    model: what the user believes in; its priors are also of candidates. begun: where poses, points,
+    cameras and believed effects (values by name) were left by an adjustment: the next one starts
+    from there, its robust loss anew.
     astray: that one went far: what is added begins where the block states, not in its wrong valley.
     scale: of Student's t in stated standard deviations, as that adjustment's tie points have it.
     left_out: a sentence on each kind of what it could not use. run: how it is adjusted, in silence;
@@ -53,7 +54,7 @@ class ReferenceModel:
     block: Block
     model: Model
     run: Run = Run()
-    begun: Block | None = None
+    begun: tuple[Block, dict[str, float]] | None = None
     scale: float = 1.0
     astray: bool = False
     left_out: list[str] = field(default_factory=list)
@@ -94,20 +95,27 @@ class ReferenceModel:
     ) -> Adjustment:
         """By the solver alone: all adjustments that are compared are of the same observations.
 
-        brief: few iterations are given, and more where the cost still falls. near, motion: as of
-        `core.adjustment.refit`.
+        brief: few iterations are given. Then a fifth of all, and all where the cost still falls.
+        near, motion: as of `core.adjustment.refit`.
         """
         most = self.run.max_iterations or SETTINGS.iterations
-        few = SETTINGS.iterations_of_shapes if brief else most // 5
-        for iterations in (min(few, most), most):
+        few = min(SETTINGS.iterations_of_shapes, most)
+        for iterations in (few, max(few, most // 5), most) if brief else (most // 5, most):
             run = replace(self.run, max_iterations=iterations)
             result = adjustment.refit(block, model, run, near, motion)
             cost = [step["cost"] for step in result.history]
-            settled = SETTINGS.creeping if brief else SETTINGS.settled
+            # The first few may begin with squares, of which the cost is another one.
+            settled = SETTINGS.creeping if iterations == few and brief else SETTINGS.settled
             if result.converged or cost[-min(_LAST, len(cost))] - cost[-1] < settled * cost[-1]:
                 break
-            block, near = _from(block, result.start_again), True
+            left, values = self._left(result)
+            block, model, near = _from(block, left), model.starting(values), True
         return result
+
+    def _left(self, result: Adjustment) -> tuple[Block, dict[str, float]]:
+        """Where an adjustment ended: what follows begins there. A rig whose members hang as found,
+        in an effect that begins with nothing, would be as far from its end as ever."""
+        return result.as_left({effect.slug for effect in self.effects})
 
     def _first(self, model: Model) -> Adjustment:
         """By the verb, which decides what all others go by."""
@@ -142,13 +150,14 @@ class ReferenceModel:
                 if np.isfinite(sigma):
                     priors.setdefault(f"{effect.slug}.{parameter.name}", (0.0, sigma))
         block = self.block if block is None else block
-        if self.begun is not None and not (more and self.astray):
-            block = _from(block, self.begun if after is None else after.start_again)
-        first = self.begun is None
+        first, model = self.begun is None, self.model
+        if not first and not (more and self.astray):
+            left, values = self.begun if after is None else self._left(after)
+            block, model = _from(block, left), model.starting(values)
         # Positions of metres are weighted by their scatter first, for which squares do.
         coarse = first and arms_unseen(block)
         model = replace(
-            self.model.with_priors(priors),
+            model.with_priors(priors),
             effects=[*self.effects, *more],
             loss="squares" if coarse else f"cauchy:{SETTINGS.student_nu**0.5 * self.scale!r}",
         )
@@ -171,7 +180,7 @@ class ReferenceModel:
     def _decided_by(self, result: Adjustment) -> None:
         """What the first adjustment decided holds for all that are compared with it."""
         self.astray = 2 * result.iterations > SETTINGS.iterations
-        self.begun, self.scale = result.start_again, _scale(result)
+        self.begun, self.scale = self._left(result), _scale(result)
         arm = "free" if result.problem.arms_free else "fixed"
         self.model = replace(self.model, lever_arm=arm)
         images = set(result.problem.images.names)

@@ -9,9 +9,10 @@ from strips import corridor_block
 from test_evidence import biased
 
 import corridor
+from corridor.core.adjustment import Model
 from corridor.core.effects import Effect, add, find, take_out
 from corridor.core.effects.splines import surface
-from corridor.diagnosis import diagnose
+from corridor.diagnosis import diagnose, reference
 from corridor.diagnosis.anomalies import wrong_matches as discontinuity
 from corridor.diagnosis.findings.location import _images
 from corridor.diagnosis.findings.verdict import refines
@@ -121,3 +122,21 @@ def test_settings_hold_for_a_while_and_no_longer():
     assert SETTINGS.clear_evidence == before
     with pytest.raises(AttributeError), changed(jelly=1.0):
         pass
+
+
+def test_a_shape_whose_weights_creep_ends_after_a_fifth_of_the_iterations(monkeypatch):
+    """The first few begin with squares, whose cost is another one: their fall says nothing. A rig
+    of five cameras crept for 75 iterations to a cost that had fallen by 1e-5 in the last five."""
+    given = []
+
+    def refit(block, model, run, near, motion):
+        given.append(run.max_iterations)
+        cost = [100.0 if not near and k < 2 else 50.0 - 1e-4 * k for k in range(given[-1])]
+        history = [{"cost": one} for one in cost]
+        return SimpleNamespace(converged=False, history=history, as_left=lambda _: (block, {}))
+
+    monkeypatch.setattr(reference.adjustment, "refit", refit)
+    block = corridor_block(images=6, observations_per_image=20, control=0, check=0)
+    believed = reference.ReferenceModel(block, Model())
+    believed._refitted(block, Model(), brief=True, near=False, motion=False)
+    assert given == [SETTINGS.iterations_of_shapes, SETTINGS.iterations // 5]

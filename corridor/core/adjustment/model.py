@@ -203,6 +203,14 @@ class Model:
         wishes = {name: replace(wish, prior=None) for name, wish in self.parameters.items()}
         return replace(self, priors=priors, parameters=ParameterSettings(wishes))
 
+    def starting(self, values: Mapping[str, float]) -> Model:
+        """The same model with these start values, but of parameters that are not to vary."""
+        wishes = dict(self.parameters)
+        for name, value in values.items():
+            wish = wishes.get(name, Setting())
+            wishes[name] = wish if wish.vary is False else replace(wish, value=value)
+        return replace(self, parameters=ParameterSettings(wishes))
+
     def without_effects(self) -> Model:
         """The same model without its effects, and without what is wanted of their parameters."""
 

@@ -1,6 +1,6 @@
 """What an adjustment found, as tables that are computed when they are first asked for."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
@@ -83,9 +83,28 @@ class Tables(Checked):
         """As `block`, without the sigmas of points, which take longer: to be adjusted anew."""
         return self._placed(np.full(self.state.points.shape, np.nan))
 
-    def _placed(self, sigma: np.ndarray) -> Block:
+    def as_left(self, slugs: Collection[str]) -> tuple[Block, dict[str, float]]:
+        """`start_again` where effects of these slugs begin with the values that they ended with.
+
+        The block, with poses that nothing was restated in, and the values by the names of
+        parameters; not of effects with values for each image.
+        """
+        members = {
+            slug: member
+            for slug, member in self.problem.stack.members.items()
+            if slug in slugs and member.effect.group != "image"
+        }
+        values = {
+            str(ParameterId(EFFECT, slug, parameter.name, group)): float(number)
+            for slug, member in members.items()
+            for group, row in zip(member.groups, self.state.effects[slug], strict=True)
+            for parameter, number in zip(member.parameters, row, strict=True)
+        }
+        return self._placed(np.full(self.state.points.shape, np.nan), self._at(members)), values
+
+    def _placed(self, sigma: np.ndarray, posed: Block | None = None) -> Block:
         p, state = self.problem, self.state
-        block = self._posed.copy()
+        block = (self._posed if posed is None else posed).copy()
         block.cameras = {
             name: camera.with_interior(interior)
             for (name, camera), interior in zip(block.cameras.items(), state.interior, strict=True)
@@ -103,6 +122,10 @@ class Tables(Checked):
     @cached_property
     def _posed(self) -> Block:
         """The block with adjusted poses, and what effects state anew."""
+        return self._at()
+
+    def _at(self, slugs: Collection[str] = ()) -> Block:
+        """The block with adjusted poses, and what effects but these state anew."""
         p, state = self.problem, self.state
         pose = np.empty((p.image_count, 7))
         pose[p.order, :3] = state.centre
@@ -110,7 +133,8 @@ class Tables(Checked):
         block = p.block.copy()
         block.put("images", POSE, pose)
         for slug, member in p.stack.members.items():
-            block = member.effect.restated(block, state.effects[slug])
+            if slug not in slugs:
+                block = member.effect.restated(block, state.effects[slug])
         return block
 
     @frugal()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from corridor.core.brief import brief
 from corridor.core.effects import EffectValues
+from corridor.diagnosis.system.groups import Group
 
 # The verdict is the first that is present.
 ORDER = ("named", "ambiguous", "unknown", "suspected", "nothing")
@@ -51,6 +53,18 @@ class Estimate:
         """Other control points may be wrong in its place."""
         self.kind, self.instead = "ambiguous", points
         self.separate = "one more control point, or a check point, near those in question"
+
+    def or_one_of(self, group: Group, others: Iterable[Group]) -> None:
+        """Other groups may be missing in the place of its own; nothing where there are none."""
+        others = list(others)
+        if not others:
+            return
+        self.kind = "ambiguous" if self.kind == "named" else self.kind
+        alike = [*self.alternatives, *(other.slug for other in others)]
+        self.alternatives = [slug for slug in dict.fromkeys(alike) if slug != group.slug]
+        self.rivals = [*self.rivals, *(other.key for other in others)]
+        revealed = [one.effect.revealed_by for one in (group, *others)]
+        self.separate = "; or ".join(dict.fromkeys([*filter(None, [self.separate]), *revealed]))
 
     def to_dict(self, used: list[str], rivals: dict[str, dict[str, float]]) -> dict:
         """An entry of `effects` in diagnosis.json; used, rivals: see `Diagnosis`."""

@@ -92,8 +92,12 @@ def kind_of(one: Round, n: int) -> str:
     """Whether a group that a round found is `named`, by its evidence, or only `suspected`."""
     if n in one.found.kept:
         return "named"
-    limit = one.threshold["beside_noise" if _like_noise(one, n) else "named"]
-    return "named" if one.found.evidence[n] > limit else "suspected"
+    return "named" if one.found.evidence[n] > limit_of(one, n) else "suspected"
+
+
+def limit_of(one: Round, n: int) -> float:
+    """Log evidence beyond which a group is named."""
+    return one.threshold["beside_noise" if _like_noise(one, n) else "named"]
 
 
 def _like_noise(one: Round, n: int) -> bool:
@@ -130,16 +134,8 @@ def _estimates(one: Round, n: int, theta, spread, strips: ByStrips | None = None
         kind = kind if strips.proved else "suspected"
     # What a test of its own has found has had its rivals there.
     alike = [] if n in found.kept else alternatives(evidence, found.chosen, n)
-    alike = [evidence.groups[k] for k in alike]
-    separate = ""
-    if alike:
-        kind = "ambiguous" if kind == "named" else kind
-        separate = "; or ".join(dict.fromkeys(e.effect.revealed_by for e in [group, *alike]))
-    slugs = [slug for slug in dict.fromkeys(e.slug for e in alike) if slug != group.slug]
-    made = Estimate(
-        group.slug, kind, found.evidence[n], [], slugs, separate,
-        key=group.key, rivals=[e.key for e in alike],
-    )  # fmt: skip
+    made = Estimate(group.slug, kind, found.evidence[n], [], key=group.key)
+    made.or_one_of(group, [evidence.groups[k] for k in alike])
     if group.own is not None:
         return [_of_images(made, group, one.equations.system.block, theta, sigma)]
     cameras = len(one.equations.system.images.camera_names)
@@ -248,6 +244,33 @@ def alternatives(evidence: Evidence, chosen: dict, n: int) -> list[int]:
         if (equal or contained) and gain.fit > SETTINGS.same_fit_share * mine.fit:
             out.append(k)
     return sorted(out, key=lambda k: -gains[k].evidence)
+
+
+def near_rivals(one: Round, n: int) -> list[int]:
+    """Groups that may stand in the place of the n-th group of a model, the best first.
+
+    Named effects of as few parameters, each of which would be named without the n-th, and explains
+    most of what it does. Beside none of them is the n-th beyond doubt.
+    """
+    evidence, chosen = one.evidence, one.found.chosen
+    rest = {k: v for k, v in chosen.items() if k != n}
+    gains, group = evidence.given(rest), evidence.groups[n]
+
+    def near(k: int) -> bool:
+        other, gain = evidence.groups[k], gains[k]
+        if k in chosen or other.generic or other.own is not None or other.single is not None:
+            return False
+        more = len(parameter_names(other)) - len(parameter_names(group))
+        if more > SETTINGS.look_alike_more_parameters or refines(other, group):
+            return False
+        if gain.evidence <= one.threshold["named"]:
+            return False
+        if gain.fit <= SETTINGS.same_fit_share * gains[n].fit:
+            return False
+        beside = evidence.given(rest | {k: gain.kappa}, only=n)[n]
+        return beside.evidence <= SETTINGS.clear_evidence
+
+    return sorted(filter(near, range(len(gains))), key=lambda k: -gains[k].evidence)
 
 
 def shapes(one: Round, key: str) -> list[int]:

@@ -25,15 +25,12 @@ from corridor.diagnosis.evidence.blunders import (
     rivals,
 )
 from corridor.diagnosis.evidence.evidence import Evidence
-from corridor.diagnosis.evidence.lens import lens_group
 from corridor.diagnosis.evidence.search import contributions, tuned
 from corridor.diagnosis.findings.findings import Estimate
 from corridor.diagnosis.findings.verdict import rows_of
 from corridor.diagnosis.forward_selection import Round
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS
-from corridor.diagnosis.system.elimination import Elimination
-from corridor.diagnosis.system.equations import equations
 
 
 @dataclass(frozen=True)
@@ -57,12 +54,7 @@ class AllGround:
         every = asked(points, np.array(believed.model.roles(believed.block)))
         named = replace(believed.model, control=every, check=None)
         result = replace(believed, model=named).adjust(model)
-        shapes = [] if last.lens is None else [last.lens.group.effect]
-        e = equations(result, [blunder, *shapes], {})
-        group, lens = lens_group(e), ()
-        if last.lens is not None and group is not None:
-            lens = replace(last.lens, group=group).rows
-        evidence = Evidence(Elimination(e, last.noise, lens).reduced())
+        evidence = last.evidence_at(result, [blunder], {})
         told = blunders(evidence)
         if told.found is not None and not explains_all(evidence, told.found):
             told = Blunders()

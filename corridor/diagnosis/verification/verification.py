@@ -16,18 +16,15 @@ import pandas as pd
 from corridor.core.adjustment import Adjustment
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.diagnosis.evidence.blunders import listed_points
-from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.evidence.profile_likelihood import beyond_noise
 from corridor.diagnosis.evidence.scores import as_spread
 from corridor.diagnosis.evidence.search import Found, tuned
 from corridor.diagnosis.findings.findings import Findings, Unknown
 from corridor.diagnosis.findings.location import locate
-from corridor.diagnosis.findings.verdict import in_place_of, kind_of, shapes
+from corridor.diagnosis.findings.verdict import in_place_of, kind_of, limit_of, near_rivals, shapes
 from corridor.diagnosis.forward_selection import Course
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS
-from corridor.diagnosis.system.elimination import Elimination
-from corridor.diagnosis.system.equations import equations
 from corridor.diagnosis.system.groups import Group
 from corridor.diagnosis.verification.all_ground import AllGround, contradicted
 from corridor.diagnosis.verification.held_out import (
@@ -88,6 +85,7 @@ class Verification:
         self._prove_images()
         self._drop_idle()
         self.lens = self._ask_lens()
+        self._ask_rivals()
         if not few:
             self._keep_shapes()
             self._choose()
@@ -272,8 +270,8 @@ class Verification:
                 fit = self._believed.adjust(self._course.members(others), turned, True, bare)
             except (InputError, AdjustmentFailed):
                 return 0.0
-            e = equations(fit, [group.effect], self._believed.priors_of([group.effect]))
-            evidence = Evidence(Elimination(e, self._last.noise).reduced())
+            priors = self._believed.priors_of([group.effect])
+            evidence = self._last.evidence_at(fit, [group.effect], priors, lens=False)
             (gain,) = evidence.given({})
             proper = np.array([n in group.effect.proper for _, n, _ in evidence.groups[0].labels])
             without = np.where(proper, 1.0 / SETTINGS.free_size, gain.kappa)
@@ -348,6 +346,46 @@ class Verification:
         for one in self.findings.unknown:
             one.correction = "useless"
         self._go_on(others, bare)
+
+    def _ask_rivals(self) -> None:
+        """Say no effect alone that would not be named beside another in whose place it stands.
+
+        A fit bends to what is in it, poses and weights: from there a rival looks worse than it is.
+        So it is asked where the rival has been adjusted.
+        """
+        last = self._last
+        for key in dict.fromkeys(one.key for one in self.findings.effects if one.kind == "named"):
+            n = last.evidence.number.get(key)
+            if n is None or n not in last.found.chosen or key not in self.used:
+                continue
+            if n in last.found.kept or self._groups[n].own is not None:
+                continue
+            keys = [self._groups[k].key for k in near_rivals(last, n)[: SETTINGS.most_rivals]]
+            fits = self._fits(keys, key)
+            alike = [
+                self._groups[last.evidence.number[rival]]
+                for rival, fit in fits.items()
+                if self._beside(key, rival, fit) <= limit_of(last, n)
+            ]
+            for one in self.findings.effects:
+                if one.key == key:
+                    one.or_one_of(self._groups[n], alike)
+
+    def _beside(self, key: str, rival: str, fit: Adjustment) -> float:
+        """Evidence of a group of the model beside its rival, at the fit with that in its place."""
+        last, number = self._last, self._last.evidence.number
+        lens = None if last.lens is None else last.lens.group.key
+        keys = dict.fromkeys(one for one in (*self.used, rival) if one in number and one != lens)
+        effects = self._course.members(keys)
+        evidence = last.evidence_at(fit, effects, self._believed.priors_of(effects))
+        beside = {
+            evidence.number[one]: last.found.chosen.get(number[one], 1.0)
+            for one in keys
+            if one != key
+        }
+        n = evidence.number[key]
+        # Between groups that compete no factor on the scores of one counts: see `given`.
+        return evidence.given(tuned(evidence, beside), only=n)[n].evidence
 
     def _choose(self) -> None:
         """Of what cannot be told apart, the one that check points speak for, or else held-out ties.

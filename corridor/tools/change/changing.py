@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from corridor.core import adjustment, simulation
 from corridor.core.adjustment import Adjustment, Model
@@ -374,8 +375,11 @@ def _no_ground(
     date show two surfaces, it is level as water is at both dates, or some of its points alone lie
     higher at one date."""
     cores, clouds = surface.cores.only(patch.rows), (joint.before, joint.after)
+    away = cKDTree(cores.xyz[:, :2]).query(surface.cores.xyz[:, :2])[0]
+    # A few cylinders hold too few points of either strip: what they share points with says more.
+    around = surface.cores.only(np.flatnonzero(away < 2.0 * cores.radius))
     for cloud, date in zip(clouds, _DATES, strict=True):
-        found = layers(cloud, cores, degree)
+        found = layers(cloud, cores, degree) or layers(cloud, around, degree)
         if found is not None:
             return patch_layers(found, date), patch.rows
     flat = level(joint, cores, degree, smoothest(clouds, surface.cores, patch.rows, degree))

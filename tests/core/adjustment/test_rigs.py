@@ -9,6 +9,7 @@ import pytest
 from rigged import HEAD, SIZE, F, exp, mounting, quaternion, rig_table, rigged_block
 
 import corridor
+from corridor.core.adjustment import Run, refit
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.normal import Normal
 from corridor.core.adjustment.ordering import corridor_order
@@ -86,6 +87,23 @@ class TestPerfectFlights:
         again = corridor.adjust(found.block, lever_arm="fixed")
         assert again.effects["value"].abs().max() < 1e-9
         assert max(off(again, block)) < 1e-9
+
+    def test_an_adjustment_begins_where_another_ended(self, block):
+        """Its members hang elsewhere than stated: beside poses that were restated, with the
+        mounting at nothing, they would begin centimetres from where they have to hang."""
+        start = block.copy()
+        left = start.extra["rig"]["HEAD"]["member"]["left"]
+        left["xyz"] = (np.array(left["xyz"]) + [0.03, -0.02, 0.05]).tolist()
+        model = replace(corridor.adjust(block, lever_arm="fixed").problem.model, lever_arm="fixed")
+        found = refit(start, model, Run())
+        ended, values = found.as_left(["mounting"])
+        shift = [values[f"mounting.left.{axis}"] for axis in "xyz"]
+        assert np.linalg.norm(shift) == pytest.approx(np.linalg.norm([0.03, -0.02, 0.05]), rel=1e-6)
+        there, restated = (
+            refit(replace(start, images=at.images, points=ended.points), one, Run(), near=True)
+            for at, one in ((ended, model.starting(values)), (found.start_again, model))
+        )
+        assert there.history[0]["step"] < 1e-6 < 0.1 < restated.history[0]["step"]
 
     def test_exposures_may_lack_a_member_or_the_base(self):
         lacking = {(1, "left"), (4, "nadir"), (6, "right"), (6, "left"), (8, "nadir")}
