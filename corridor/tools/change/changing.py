@@ -352,7 +352,7 @@ class _Run:
                     continue
                 apart.append(patch_apart(patch, why))
                 gone.append(np.unique(evidence.cells[:, rows].nonzero()[0]))
-            if not gone:
+            if not sum(map(len, gone)):
                 break
             # What else moved there is found beside it.
             evidence = evidence.besides(np.concatenate(gone))

@@ -177,10 +177,11 @@ def patches(
 
 def _ever_wider(near: np.ndarray) -> Iterator[np.ndarray]:
     """Neighbourhoods (k, k) of cells, up to half of the map, each twice as wide as the last."""
-    reach = near.astype(float)
-    while reach.mean() < 0.5:
+    reach, before = near.astype(float), 0.0
+    # A map of several parts may have no neighbourhood of half of it.
+    while before < reach.mean() < 0.5:
         yield reach
-        reach = (reach @ reach > 0).astype(float)
+        reach, before = (reach @ reach > 0).astype(float), reach.mean()
 
 
 def _clusters(maps, correlation, near) -> Iterator[tuple[int, np.ndarray, float]]:

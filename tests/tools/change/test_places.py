@@ -215,6 +215,11 @@ class TestSteps:
     def test_that_all_float_is_no_step(self):
         assert not patches((self.noise + 10.0) / np.sqrt(26.0), self.alike, self.near, 0.01)
 
+    def test_a_map_of_several_parts_has_an_end(self):
+        """Three places apart: no neighbourhood ever holds half of it."""
+        near = np.kron(np.eye(3), np.ones((4, 4))) > 0
+        assert not patches(self.noise[:12], np.eye(12), near, 0.01)
+
     def test_others_speak_and_are_no_cells(self):
         """A mark on the middle of 9 cells, five times as good as they, sank by 6 of its own."""
         home = [*range(96), 53]
