@@ -341,14 +341,12 @@ class _Run:
             for one in evidence.patches(level):
                 rows = evidence.cores_of(one.cells)
                 patch = PatchChange.of(surface, rows, one.probability)
-                # What is said of a patch is its mean, which has to show it too.
-                if two_sided(patch.change / patch.sigma) > level:
-                    continue
                 why, rows = _no_ground(
                     compared.joint, surface, patch, self.asked.surfaces["degree"]
                 )
                 if why is None:
-                    patches.append(patch)
+                    # What is said of a patch is its mean, which has to show it too.
+                    patches += [patch] * bool(two_sided(patch.change / patch.sigma) < level)
                     continue
                 apart.append(patch_apart(patch, why))
                 gone.append(np.unique(evidence.cells[:, rows].nonzero()[0]))
