@@ -344,19 +344,18 @@ class _Run:
             for one in evidence.patches(0.5 * level):
                 rows, weight = evidence.cores_of(one)
                 patch = PatchChange.of(surface, rows, one.probability)
-                # What is said of a patch is its mean, which has to show it too.
+                # Where its mean does not show it, what it did against its surroundings has to.
                 shown = two_sided(patch.change / patch.sigma) < level
                 if weight is not None and not (shown and patch.change * one.z > 0.0):
                     patch = PatchChange.of(surface, rows, one.probability, weight)
-                elif not shown:
-                    continue
                 why, rows = _no_ground(compared.joint, surface, patch, **self.asked.surfaces)
                 if why is None:
-                    patches.append(patch)
+                    # What is said of a patch is its mean, which has to show it too.
+                    patches += [patch] * bool(two_sided(patch.change / patch.sigma) < level)
                     continue
                 apart.append(patch_apart(patch, why))
                 gone.append(np.unique(evidence.cells[:, rows].nonzero()[0]))
-            if not gone:
+            if not sum(map(len, gone)):
                 break
             # What else moved there is found beside it.
             evidence = evidence.besides(np.concatenate(gone))

@@ -175,7 +175,7 @@ def roughness(
         own = np.einsum("ni,nij,nj->n", normal, cloud.epoch.own(one.point), normal)
         noise = np.bincount(one.core, own, minlength=len(one.count)) / np.maximum(one.count, 1)
         mine = np.maximum(one.count - one.fit, 1)
-        squares = squares + mine * (one.spread**2 - cloud.epoch.sigma0**2 * noise)
+        squares = squares + mine * (one.spread**2 - cloud.epoch.adjustment.sigma0**2 * noise)
         free = free + mine
     reach = ALIKE * cores.radius
     far, near = cKDTree(cores.xyz).query(

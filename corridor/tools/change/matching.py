@@ -67,8 +67,9 @@ def between_strips(adjustment: Adjustment) -> float:
     block, system = adjustment.block, adjustment.system
     every = block.images["image"].astype(str).to_numpy()
     strip_of = {name: n for n, (_, mine) in enumerate(strips_of(block)) for name in every[mine]}
-    ties = np.flatnonzero(~system.points.mark)
-    place_of = {str(system.points.names[k]): k for k in ties.tolist()}
+    points = system.points
+    every_name, ties = points.names, np.flatnonzero(~points.mark)
+    place_of = dict(zip(every_name[ties].astype(str), ties.tolist(), strict=True))
     centre_of = dict(zip(every, block.poses[:, :3], strict=True))
     names, image = table["point"].astype(str), table["image"].astype(str)
     if not len(table) or len(set(strip_of.values())) < 2:
@@ -81,7 +82,7 @@ def between_strips(adjustment: Adjustment) -> float:
     group = group.ravel()
     of = np.zeros(len(count), int)
     of[group] = point
-    shared = np.bincount(of, minlength=len(system.points.names)) > 1
+    shared = np.bincount(of, minlength=len(every_name)) > 1
     rows, groups = shared[point], shared[of]
     away = system.state.points[point] - np.array([centre_of[name] for name in image])
     far = np.linalg.norm(away, axis=1)[:, None, None]

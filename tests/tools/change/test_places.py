@@ -138,7 +138,7 @@ class TestCover:
 
 
 def test_lorries_are_not_the_ground_and_are_told():
-    found = corridor.change(*two_dates.pair("lorries", 5004), camera=False)
+    found = corridor.change(*two_dates.pair("lorries", 5004))
     assert found.verdict == "nothing" and found.final.apart
     assert "some of its tie points lie higher at the second date" in " ".join(str(found).split())
 

@@ -65,7 +65,7 @@ def test_what_hangs_on_matches_between_strips_is_as_uncertain_as_they_are(dates,
     with_them = corridor.change(*adjusted, same_ties=True, camera=False)
     without = corridor.change(*apart, same_ties=True, camera=False)
     assert [epoch.overdispersion > 1.9 for epoch in with_them.final.joint.epochs] == [True, True]
-    assert [epoch.overdispersion for epoch in without.final.joint.epochs] == [1.0, 1.0]
+    assert max(epoch.overdispersion for epoch in without.final.joint.epochs) < 1.5
     assert "times as uncertain as within" in " ".join(str(with_them).split())
     for found in (with_them, without):
         assert found.points.probability[~found.points.held].min() > 0.1
