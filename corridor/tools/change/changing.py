@@ -48,7 +48,7 @@ from corridor.tools.change.explanation import (
     gathered,
 )
 from corridor.tools.change.joint import Joint
-from corridor.tools.change.layers import layers, level, smoothest, typical
+from corridor.tools.change.layers import layers, level, rougher, smoothest, typical
 from corridor.tools.change.matching import without_gross_ties
 from corridor.tools.change.points import point_changes
 from corridor.tools.change.registration import registered
@@ -392,8 +392,10 @@ def _no_ground(
         each -= surface.registration.of_motion[some]
     moved = float(patch.weight[some] @ each)
     # Nearer to no motion than to that of the mean; a hole makes the lower date the rougher one.
-    some = moved / patch.change < 0.5 and rough[higher] > rough[1 - higher]
-    return (patch_some(moved, _DATES[higher], cores.radius) if some else None), patch.rows
+    few = moved / patch.change < 0.5 and rough[higher] > rough[1 - higher]
+    # Where less than half are lifted they scatter by more than the mean rises.
+    few |= rougher(clouds, cores, degree, higher) and np.ptp(rough) > patch.change**2
+    return (patch_some(moved, _DATES[higher], cores.radius) if few else None), patch.rows
 
 
 def _stable_names(compared: Compared, stable: Iterable[str] | None) -> list[str]:

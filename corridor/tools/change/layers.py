@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.sparse import csr_array, hstack
-from scipy.stats import chi2
+from scipy.stats import chi2, f
 
 from corridor.core.preparation import strips_of
 from corridor.tools.change.cores import Cores
@@ -189,6 +189,17 @@ def typical(
         fit = np.linalg.lstsq(terms, height)[0]
         out.append(np.median(above - more @ fit) - np.median(height - terms @ fit))
     return np.array(out)
+
+
+def rougher(clouds: tuple[Cloud, Cloud], cores: Cores, degree: int, date: int) -> bool:
+    """Whether heights at some core points scatter more at one date, for good (an F test)."""
+    found = [members(cloud, cores, degree) for cloud in clouds]
+    variance = np.array([np.mean(one.left**2) for one in found])
+    # A point of several cylinders counts once.
+    free = [len(np.unique(one.point)) - one.fit for one in found]
+    if min(free) < 1 or not variance.min() > 0.0:
+        return False
+    return f.sf(variance[date] / variance[1 - date], free[date], free[1 - date]) < FALSE_ALARM
 
 
 def _strips(epoch: Epoch) -> tuple[list[str], np.ndarray]:

@@ -27,7 +27,13 @@ def cloud(draw, count=1500):
     xy = draw.uniform([0.0, -20.0], [150.0, 20.0], (count, 2))
     xyz = np.column_stack([xy, ground(xy)])
     own = np.zeros((count, 3, 3))
-    epoch = SimpleNamespace(xyz=xyz, sigma0=1.0, names=np.arange(count), own=lambda at: own[at])
+    epoch = SimpleNamespace(
+        xyz=xyz,
+        sigma0=1.0,
+        adjustment=SimpleNamespace(sigma0=1.0),
+        names=np.arange(count),
+        own=lambda at: own[at],
+    )
     return Cloud(epoch, np.arange(count), {})
 
 
