@@ -55,18 +55,20 @@ class Compared:
             return None
         ways = {np.sign(one.change) for one in self.patches}
         rows = np.concatenate([one.rows for one in self.patches])
-        # Control that fits both dates stands still too. At the rim of a bowl both move little.
-        away, at = cKDTree(surface.cores.xyz[:, :2]).query(points.xyz[:, :2])
-        inside = np.isin(at, rows) & (away < surface.cores.radius)
+        # Control that fits both dates stands still too.
+        inside = cKDTree(surface.cores.xyz[rows, :2]).query(points.xyz[:, :2])[0]
+        inside = inside < surface.cores.radius
         if len(ways) > 1 or inside.sum() < LEAST_POINTS:
             return None
+        # The surface where these points are: at the rim of a bowl both move little.
+        at = cKDTree(surface.cores.xyz[:, :2]).query(points.xyz[inside, :2])[1]
         up = np.flatnonzero(inside) * 3 + 2
         weight = np.full(len(up), 1.0 / len(up))
         still = float(weight @ points.shift[inside, 2])
         sigma = float(np.sqrt(weight @ points.covariance[np.ix_(up, up)] @ weight))
         whole, there = (
             PatchChange.of(surface, some, max(p.probability for p in self.patches))
-            for some in (rows, np.unique(at[inside]))
+            for some in (rows, np.unique(at))
         )
         apart = abs(there.change - still) / np.hypot(there.sigma, sigma)
         if apart < FAR_APART or abs(still) > FAR_APART * sigma:
