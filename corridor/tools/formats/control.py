@@ -224,9 +224,10 @@ def placed_by_own(project: Project, last: bool = False) -> Project:
     nothing is left out.
     """
     block = project.block
-    apart, name = local_of(block) is not None, project.source.name
+    apart = local_of(block) is not None
     if project.placed or not (apart or last and len(block.ground)):
         return project
+    name = project.source.name
     if not np.isfinite(block.poses).all(axis=1).any():
         return project.having(placed=True)  # no pose is in another frame
     if len(block.ground) and len(block.marks):
