@@ -42,8 +42,8 @@ def contradictions(
 
     In the mean the surface changes by less than it detects and than half of the point, and the
     difference, in which the errors that both share cancel, is significant at the level, divided
-    among all that is asked. Two against one: what the next marked point says too holds, as on
-    ground that sinks under grass that grows.
+    among all points that could have seemed to move. Two against one: what the next marked point
+    says too holds, as on ground that sinks under grass that grows.
     """
     joint, out = surface.joint, []
     clouds, registration = (joint.before, joint.after), surface.registration
@@ -77,7 +77,7 @@ def contradictions(
             variance = joint.variance(csr_array(lone - mean @ surface.functions))
             apart = scale * np.sqrt(variance[0] + surface.sampling_of_sums(mean)[0])
             chance = two_sided(((lone @ xyz)[0] - raw[rows].mean()) / apart, freedom)
-            if still and chance < level / (len(asked) * len(RINGS)):
+            if still and chance < level / (points.free.sum() * len(RINGS)):
                 sigmas = float(np.sqrt(normal @ own @ normal)), float(sigma)
                 out.append(Contradiction(int(k), moved, sigmas[0], around, sigmas[1], radius))
                 break
