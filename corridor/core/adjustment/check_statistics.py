@@ -63,20 +63,21 @@ class Checked:
     check_points: pd.DataFrame
 
     @cached_property
-    def _check(self) -> CheckStatistics:
+    def check_statistics(self) -> CheckStatistics:
+        """RMS, mean and STD of the check points together; see `check_table`."""
         return check_table(self.check_points[["dx", "dy", "dz"]].to_numpy(float))
 
     @property
     def check_rms(self) -> Parts:
         """RMS about zero of the check points: xy, z, d3, metres."""
-        return self._check.rms
+        return self.check_statistics.rms
 
     @property
     def check_mean(self) -> Parts:
         """Mean of the check points: xy, z, d3, metres."""
-        return self._check.mean
+        return self.check_statistics.mean
 
     @property
     def check_std(self) -> Parts:
         """Unbiased standard deviation of the check points about their mean: xy, z, d3, metres."""
-        return self._check.std
+        return self.check_statistics.std

@@ -704,18 +704,14 @@ class LinearSystem:
 
         Exact where the measurements miss the state by what is linear. Raises Singular.
         """
-        change = self.solve(self.right[:, None])[:, 0]
-        return self._stepped(self._substitution, change)
+        return self.following(self.solve(self.right[:, None])[:, 0])
 
     def following(self, change: np.ndarray) -> State:
         """The state after a change (n,) of the columns, each point where it then fits best."""
-        return self._stepped(self._substitution, change)
-
-    def _stepped(self, normal: Normal, change: np.ndarray) -> State:
         p = self.problem
         poses, shared = np.split(change[: self._of_problem], [p.image_count * p.d])
         poses = poses.reshape(-1, p.d)
-        points, *_ = normal.substitute(self.state, 0.0, poses, shared)
+        points, *_ = self._substitution.substitute(self.state, 0.0, poses, shared)
         return moved_state(p, self.state, poses, shared, points)
 
 

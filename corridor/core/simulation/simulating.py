@@ -34,6 +34,7 @@ from corridor.core.simulation.plan import (
     TiePoints,
     build,
     read_plan,
+    value_of,
 )
 from corridor.core.simulation.terrain import Dike
 from corridor.core.simulation.views import Network, Views, matched, thin
@@ -321,16 +322,7 @@ def _check_camera(start: Start) -> None:
             raise InputError(
                 f"start: camera has no parameter {key!r}: it has {', '.join(INTERIOR)}"
             )
-        _check_number(f"start: camera: {key}", value)
-
-
-def _check_number(where: str, value: object) -> None:
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, numbers.Real)
-        or not np.isfinite(float(value))
-    ):
-        raise InputError(f"{where} = {value!r} is not a number")
+        value_of(value, float, f"start: camera: {key}")
 
 
 def _constants(plan: Plan) -> dict:
@@ -356,7 +348,7 @@ def _check_effects(plan: Plan, effects: Mapping) -> None:
             raise InputError(f"effects: {slug} is a table of its parameters, not {values!r}")
         for parameter, value in values.items():
             for number in value.values() if isinstance(value, Mapping) else [value]:
-                _check_number(f"effects: {slug}: {parameter}", number)
+                value_of(number, float, f"effects: {slug}: {parameter}")
         if effect.generic:
             # How many parameters a shape has depends on the block.
             tried[slug] = {}

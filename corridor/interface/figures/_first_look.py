@@ -38,15 +38,15 @@ def first_look(block: Block, camera: str | None = None) -> Figure:
     rays = _multiplicity(block.tie_points)
     rays = rays[rays > 0]
     counts = _counts(block, len(rays))
+    camera = camera or _most_seen(block)
     if long:
         height = maps.map_height(limits, 8.5, 4.5)
         figure = style.sheet(1.15 + height + 0.95 + 2.3 + 0.55, title, counts)
         plan = maps.map_panel(figure, frame, limits, 0.8, 1.15, 8.5, height)
         top = 1.15 + height + 0.95
         _rays(style.panel(figure, 0.8, top, 3.7, 2.3), rays)
-        _coverage(figure, block, camera or _most_seen(block), 5.35, top, 3.75, 2.3)
+        _coverage(figure, block, camera, 5.35, top, 3.75, 2.3)
     else:
-        camera = camera or _most_seen(block)
         height = maps.map_height(limits, 4.7, 5.55)
         lowest = max(1.15 + height, 3.85 + _fitted(block.cameras[camera], 2.35, 2.4)[1])
         figure = style.sheet(lowest + 0.65, title, counts)

@@ -155,11 +155,7 @@ def adjustment_dict(adjustment: Adjustment) -> dict[str, Any]:
     """
     check = {
         name: {"xy": found.xy, "z": found.z, "3d": found.d3}
-        for name, found in (
-            ("rms", adjustment.check_rms),
-            ("mean", adjustment.check_mean),
-            ("std", adjustment.check_std),
-        )
+        for name, found in adjustment.check_statistics._asdict().items()
     }
     camera: dict[str, dict] = {}
     for row in adjustment.camera.itertuples(index=False):
@@ -621,14 +617,9 @@ def _check_statistics(adjustment: Adjustment) -> Table | None:
     if not count:
         return None
     digits = _mm_digits(1e3 * adjustment.check_points[_DIFFERENCES].to_numpy(float))
-    statistics = {
-        "RMS": adjustment.check_rms,
-        "mean": adjustment.check_mean,
-        "STD": adjustment.check_std,
-    }
     rows = tuple(
-        (name, *(fixed(1e3 * value, digits) for value in (found.xy, found.z, found.d3)))
-        for name, found in statistics.items()
+        (name, *(fixed(1e3 * value, digits) for value in found))
+        for name, found in zip(("RMS", "mean", "STD"), adjustment.check_statistics, strict=True)
     )
     title = f"{counted(count, 'check point')} together" if count > 1 else "The check point"
     note = "mm; RMS about zero, STD about the mean"

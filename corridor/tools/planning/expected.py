@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from corridor.core.adjustment import END
+from corridor.core.adjustment import END, Parts
 from corridor.core.errors import InputError
 from corridor.core.output import millimetres
 from corridor.tools.planning.conditioning import Moments, condition
@@ -43,15 +43,6 @@ class Known:
                 "across": self.where[rows, 1],
             }
         )
-
-
-@dataclass(frozen=True)
-class Accuracy:
-    """RMS of check points: xy (both axes together), z and 3D, metres."""
-
-    xy: float
-    z: float
-    d3: float
 
 
 class Expected:
@@ -98,7 +89,7 @@ class Expected:
         self.xy, self.z, self.d3 = found.xy, found.z, found.d3
 
     @property
-    def stated(self) -> Accuracy:
+    def stated(self) -> Parts:
         """What the adjustment believes the RMS of its check points to be."""
         return _accuracy(self._stated)
 
@@ -267,8 +258,6 @@ class Expected:
         }
 
 
-def _accuracy(variance: np.ndarray) -> Accuracy:
+def _accuracy(variance: np.ndarray) -> Parts:
     mean = variance.reshape(-1, 3).mean(axis=0)
-    return Accuracy(
-        float(np.sqrt(mean[0] + mean[1])), float(np.sqrt(mean[2])), float(np.sqrt(mean.sum()))
-    )
+    return Parts(*np.sqrt([mean[0] + mean[1], mean[2], mean.sum()]).tolist())
