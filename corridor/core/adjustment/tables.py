@@ -17,6 +17,7 @@ from corridor.core.adjustment.parameters import Found, Parameters
 from corridor.core.adjustment.point_quality import quality
 from corridor.core.adjustment.reliability import Reliability
 from corridor.core.adjustment.solving import Solution
+from corridor.core.adjustment.unknowns import IN_PIXELS
 from corridor.core.block import POSE, Block, along_axes, covariance_of, frugal, places, turned
 from corridor.core.camera import INTERIOR
 from corridor.core.effects import Values
@@ -32,7 +33,6 @@ from corridor.core.output import with_units
 from corridor.core.preparation import FRAME
 
 HIGH_CORRELATION = 0.95
-_IN_PIXELS = ("f", "cx", "cy")
 _PART = 1 << 20  # observations that are looked at together
 _METRES = ("rms_x_m", "rms_y_m", "rms_z_m")
 _DEGREES = ("rms_roll_deg", "rms_pitch_deg", "rms_yaw_deg")
@@ -366,7 +366,7 @@ class Tables(Checked):
                 value = float(self.state.interior[c, k])
                 sigma = self._sigma_of("camera", name, (c, k))
                 if parameter in free or value != 0.0 or k < 3:
-                    unit = "px" if parameter in _IN_PIXELS else ""
+                    unit = "px" if parameter in IN_PIXELS else ""
                     rows.append((name, parameter, value, sigma, unit, parameter in free))
         columns = ["camera", "parameter", "value", "sigma", "unit", "free"]
         return pd.DataFrame(rows, columns=columns)

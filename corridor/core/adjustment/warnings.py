@@ -443,7 +443,7 @@ def _outliers(a, missed):
 def _insignificant(a):
     weak = a.camera[
         a.camera["free"]
-        & ~a.camera["parameter"].isin(["f", "cx", "cy"])
+        & (a.camera["unit"] == "")
         & (a.camera["value"].abs() < 2 * a.camera["sigma"])
     ]
     if len(weak):

@@ -142,7 +142,7 @@ def _coverage(
     image = axes.pcolormesh(
         edges_x, edges_y, count, cmap=style.COUNTS, vmin=0, vmax=max(count.max(), 1)
     )
-    axes.set(xlim=(-0.5, size.width - 0.5), ylim=(size.height - 0.5, -0.5))
+    style.in_pixels(axes, size)
     axes.set_aspect("equal", adjustable="box")
     axes.xaxis.set_major_locator(MaxNLocator(max(2, int(wide / 0.55)), steps=[1, 2, 4, 5, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(max(2, int(high / 0.45)), steps=[1, 2, 4, 5, 10]))
@@ -150,7 +150,6 @@ def _coverage(
     if len(block.cameras) > 1:
         text += f", camera {short(camera, 14)}"
     style.caption(axes, text)
-    style.label(axes, "x (px)", "y (px)")
     style.shade_bar(figure, image, left + wide + 0.12, top, high, "observations a cell", True)
 
 

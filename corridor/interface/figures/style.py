@@ -18,6 +18,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from corridor.core.output import png, short
@@ -188,6 +189,21 @@ def label(axes: Axes, x: str | None = None, y: str | None = None) -> None:
         axes.set_xlabel(x, size=TEXT, color=INK, labelpad=3)
     if y is not None:
         axes.set_ylabel(y, size=TEXT, color=INK, labelpad=4)
+
+
+def in_pixels(axes: Axes, picture, room: float = 0.0, outlined: bool = False) -> None:
+    """Axes over a picture (width, height), from edge to edge and a share of it more on each side.
+
+    outlined: with a line around the picture.
+    """
+    wide, high = picture.width, picture.height
+    axes.set(
+        xlim=(-0.5 - room * wide, wide - 0.5 + room * wide),
+        ylim=(high - 0.5 + room * high, -0.5 - room * high),
+    )
+    label(axes, "x (px)", "y (px)")
+    if outlined:
+        axes.add_patch(Rectangle((-0.5, -0.5), wide, high, fill=False, ec=QUIET, lw=0.6))
 
 
 def open_frame(axes: Axes) -> None:

@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from corridor.core.output import nice, readable, short
 from corridor.interface.figures import style
@@ -229,9 +228,7 @@ def _vectors(figure, axes, maps, picture, left, top, wide):
 
 
 def _frame(axes, picture, first):
-    axes.set(xlim=(-0.5, picture.width - 0.5), ylim=(picture.height - 0.5, -0.5))
-    axes.add_patch(
-        Rectangle((-0.5, -0.5), picture.width, picture.height, fill=False, ec=style.QUIET, lw=0.6)
-    )
-    style.label(axes, "x (px)", "y (px)" if first else None)
+    style.in_pixels(axes, picture, outlined=True)
+    if not first:
+        axes.set_ylabel("")
     axes.tick_params(labelleft=first)  # beside it stand the same rows, or a scale

@@ -58,7 +58,6 @@ CAPTIONS = {
 
 _KINDS = {"tie": "tie points", "mark": "marks", "gnss": "GNSS", "control": "control",
           "attitude": "attitudes"}  # fmt: skip
-_UNITS = {"f": "px", "cx": "px", "cy": "px"}
 _DIFFERENCES, _SIGMAS = ["dx", "dy", "dz"], ["s_dx", "s_dy", "s_dz"]
 _STRONG = 0.95
 _MOST_GROUPS_SHOWN = 8  # of one effect parameter
@@ -490,8 +489,7 @@ def _camera(adjustment: Adjustment) -> Table:
         if row.sigma <= 0 and row.value == 0:
             continue  # a coefficient this camera does not have
         name = (short(row.camera),) if several else ()
-        unit = _UNITS.get(row.parameter, "")
-        rows.append((*name, row.parameter, *rounded(row.value, row.sigma), unit))
+        rows.append((*name, row.parameter, *rounded(row.value, row.sigma), row.unit))
     doubtful = [
         f"{short(camera)} {parameter}" if several else parameter
         for camera, parameter in _doubtful(adjustment)
@@ -512,7 +510,7 @@ def _doubtful(adjustment: Adjustment) -> list[tuple[str, str]]:
     return [
         (row.camera, row.parameter)
         for row in adjustment.camera.itertuples(index=False)
-        if row.parameter not in _UNITS and row.sigma > 0 and abs(row.value) < 2 * row.sigma
+        if not row.unit and row.sigma > 0 and abs(row.value) < 2 * row.sigma
     ]
 
 
