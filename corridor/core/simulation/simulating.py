@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import numbers
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
@@ -134,8 +134,7 @@ def perfect_block(
     Shapes, units and errors as `simulate`; the plan's effects, noise and start are left aside.
     """
     say = telling(progress)
-    ground = Dike(plan.terrain.relief_m, plan.terrain.level_m, seed, plan.terrain.roughness_m)
-    low, high = ground.bounds
+    low, high = ground_of(plan, seed).bounds
     images = check_plan(plan, high)
     per_image = plan.tie_points.per_image
     if images * per_image > _MOST_OBSERVATIONS:
@@ -147,11 +146,8 @@ def perfect_block(
     flown = fly(plan, seed)
     network = Network(flown, low, high, plan.tie_points.border_px)
 
-    def on_the_ground(station, across):
-        return np.column_stack([plan.axis.place(station, across), ground.height(station, across)])
-
     def look(station, across, progress=None):
-        place = on_the_ground(station, across)
+        place = on_the_ground(plan, seed, station, across)
         return _Points(station, across, place, network.look(place, progress))
 
     seen = look(
@@ -199,6 +195,26 @@ def perfect_block(
     )
     say("writing tables", 1.0, 1.0)
     return block
+
+
+def ground_of(plan: Plan, seed: int) -> Dike:
+    """The ground that a plan is flown over."""
+    terrain = plan.terrain
+    return Dike(terrain.relief_m, terrain.level_m, seed, terrain.roughness_m)
+
+
+def on_the_ground(plan: Plan, seed: int, station, across) -> np.ndarray:
+    """Positions (n, 3), metres, at stations and distances to the right of the axis (n,)."""
+    height = ground_of(plan, seed).height(station, across)
+    return np.column_stack([plan.axis.place(station, across), height])
+
+
+def marks_on(plan: Plan, seed: int, names: Sequence[str], places: np.ndarray) -> pd.DataFrame:
+    """What the images of a plan measure of ground points (n, 3), m, without any error."""
+    flown = fly(plan, seed)
+    network = Network(flown, *ground_of(plan, seed).bounds, plan.tie_points.border_px)
+    images = pd.Index(flown.table["image"], dtype="str")
+    return _observed(names, images, places, network.look(places), network)
 
 
 @dataclass
