@@ -1,12 +1,13 @@
 """Flight plans: what is flown, over which ground, with what errors."""
 
+import math
 import numbers
 import os
-import sys
 import tomllib
 import types
 import typing
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cache, reduce
 from operator import add
@@ -517,8 +518,9 @@ def value_of(value, sort, where: str):
         raise InputError(f"{where} = {value} has {len(value)} values, {len(inner)} are needed")
     if sort is float and isinstance(value, numbers.Real) and not isinstance(value, bool):
         # Finite, and a whole number of TOML may have any length.
-        if abs(value) <= sys.float_info.max:  # type: ignore[operator]
-            return float(value)
+        with suppress(OverflowError):
+            if math.isfinite(value):
+                return float(value)
     elif sort in (int, bool, str) and type(value) is sort:
         return value
     elif origin is not None and issubclass(origin, Mapping) and isinstance(value, Mapping):

@@ -67,8 +67,6 @@ def rates_from_gyro(
             "image": name.to_numpy(),
         }
     )
-    made = block.copy()
-    made.rates = table
-    made = type(made)(**{key: getattr(made, key) for key in made.__dataclass_fields__})
+    made = block.with_(rates=table)
     made.check()
     return made
