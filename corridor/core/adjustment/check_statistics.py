@@ -44,13 +44,8 @@ def check_table(differences: np.ndarray) -> CheckStatistics:
     if len(differences) == 0:
         nothing = Parts(np.nan, np.nan, np.nan)
         return CheckStatistics(nothing, nothing, nothing)
-    values = np.column_stack(
-        [
-            np.hypot(differences[:, 0], differences[:, 1]),
-            differences[:, 2],
-            np.linalg.norm(differences, axis=1),
-        ]
-    )
+    x, y, z = differences.T
+    values = np.column_stack([np.hypot(x, y), z, np.linalg.norm(differences, axis=1)])
     rms = np.sqrt(np.mean(values**2, axis=0))
     mean = values.mean(axis=0)
     std = values.std(axis=0, ddof=1) if len(values) > 1 else np.full(3, np.nan)

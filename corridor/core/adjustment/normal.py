@@ -447,9 +447,8 @@ class Normal:
             self.shared_block[np.diag_indices(q)] += damping * self.shared_reference
         if len(self.held):
             pinned = np.zeros((m, p.d))
-            pinned[self.held[:, 0], self.held[:, 1]] = self.reference[
-                self.held[:, 0], self.held[:, 1]
-            ]
+            image, number = self.held.T
+            pinned[image, number] = self.reference[image, number]
             self.blocks.add_diagonal(pinned)
 
     def _with_others(self, cost: float, view: View, matrix: bool | None) -> float:

@@ -462,9 +462,8 @@ class Tables(Checked):
         Columns: a, b, mean, std, sigma_a, sigma_b. Source: Zhou 2019, table 5.3.
         """
         columns = ["a", "b", "mean", "std", "sigma_a", "sigma_b"]
-        return pd.DataFrame(self._pairs(), columns=columns).astype(
-            dict.fromkeys(columns[2:], float)
-        )
+        table = pd.DataFrame(self._pairs(), columns=columns)
+        return table.astype(dict.fromkeys(columns[2:], float))
 
     def _pairs(self) -> list[tuple]:
         p = self.problem
@@ -535,17 +534,9 @@ class Tables(Checked):
     def points(self) -> pd.DataFrame:
         """Adjusted points, ties and marks; sigmas are in `point_sigma`, which takes longer."""
         p = self.problem
-        x, y, z = self.state.points.T
-        frame = pd.DataFrame(
-            {
-                "point": p.point_index,
-                "x": x,
-                "y": y,
-                "z": z,
-                "rays": np.diff(p.ptr),
-                "kind": np.where(p.point_kinds, "mark", "tie"),
-            }
-        )
+        places = dict(zip("xyz", self.state.points.T, strict=True))
+        frame = pd.DataFrame({"point": p.point_index, **places, "rays": np.diff(p.ptr)})
+        frame["kind"] = np.where(p.point_kinds, "mark", "tie")
         return with_units(frame, {"m": "x y z"})
 
     @cached_property

@@ -46,14 +46,8 @@ class MapFrame:
 
 def columns(frame: pd.DataFrame, names: tuple[str, ...] = ("x", "y")) -> np.ndarray:
     """Columns of a table as (n, k) float64, NaN where a column or a value is missing."""
-    return np.column_stack(
-        [
-            frame[name].to_numpy(dtype=float, na_value=np.nan)
-            if name in frame
-            else np.full(len(frame), np.nan)
-            for name in names
-        ]
-    )
+    known = frame.reindex(columns=list(names))
+    return known.to_numpy(dtype=float, na_value=np.nan)
 
 
 def centres(block: Block) -> np.ndarray:

@@ -292,25 +292,16 @@ def name_points(axes: Axes, xy: np.ndarray, names: Sequence[str], keep_clear=Non
     for point, mark, name in zip(xy, marks, names, strict=True):
         others = closed[np.hypot(*(closed - mark).T) > 1e-6]
         for dx, dy in _PLACES:
-            text = axes.annotate(
-                short(name, 18),
-                point,
-                (dx, dy),
-                textcoords="offset points",
-                size=SMALL,
-                color=INK,
-                ha=("center", "left", "right")[int(np.sign(dx))],
-                va=("center", "bottom", "top")[int(np.sign(dy))],
-                parse_math=False,
-                zorder=9,
-            )
+            beside = ("center", "left", "right")[int(np.sign(dx))]
+            above = ("center", "bottom", "top")[int(np.sign(dy))]
+            look = {"size": SMALL, "color": INK, "ha": beside, "va": above, "zorder": 9}
+            place = {"xytext": (dx, dy), "textcoords": "offset points"}
+            text = axes.annotate(short(name, 18), point, **place, **look, parse_math=False)
             box = text.get_window_extent(renderer).padded(1.5)
             wide = box.padded(4.0)
             free = (
-                inside.x0 <= box.x0
-                and box.x1 <= inside.x1
-                and inside.y0 <= box.y0
-                and box.y1 <= inside.y1
+                (inside.min <= box.min).all()
+                and (box.max <= inside.max).all()
                 and not any(box.overlaps(other) for other in taken)
                 and not ((others > wide.p0) & (others < wide.p1)).all(axis=1).any()
             )

@@ -140,15 +140,8 @@ def camera_difference(difference: CameraDifference, title: str = "Two cameras") 
     axes = style.panel(figure, _LEFT, 1.2, wide, tall)
     x, y = np.unique(difference.x), np.unique(difference.y)
     shape = len(y), len(x)
-    image = axes.pcolormesh(
-        x,
-        y,
-        difference.length.reshape(shape),
-        cmap=_PALE,
-        vmin=0,
-        vmax=max(difference.largest, 1e-12),
-        shading="nearest",
-    )
+    norm, length = Normalize(0, max(difference.largest, 1e-12)), difference.length.reshape(shape)
+    image = axes.pcolormesh(x, y, length, cmap=_PALE, norm=norm, shading="nearest")
     step = max(1, len(x) // 14)
     pick = np.zeros(shape, bool)
     pick[step // 2 :: step, step // 2 :: step] = True

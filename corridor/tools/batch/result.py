@@ -34,16 +34,8 @@ _MEANING = {
 _RMS = ("check_rms_xy_m", "check_rms_z_m", "check_rms_3d_m")
 _MOST_LINES = 20  # of a terminal
 _COLUMNS = [
-    "block",
-    "verdict",
-    "found",
-    "images",
-    "sigma0",
-    "check_points",
-    *_RMS,
-    "attention",
-    "seconds",
-    "folder",
+    *("block", "verdict", "found", "images", "sigma0", "check_points"),
+    *(*_RMS, "attention", "seconds", "folder"),
 ]
 
 

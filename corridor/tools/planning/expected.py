@@ -36,13 +36,8 @@ class Known:
 
     def table(self, rows: np.ndarray) -> pd.DataFrame:
         """Points by row: point, station, across (m)."""
-        return pd.DataFrame(
-            {
-                "point": [self.names[k] for k in rows],
-                "station": self.where[rows, 0],
-                "across": self.where[rows, 1],
-            }
-        )
+        names, (station, across) = [self.names[k] for k in rows], self.where[rows].T
+        return pd.DataFrame({"point": names, "station": station, "across": across})
 
 
 class Expected:
