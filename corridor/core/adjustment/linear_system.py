@@ -419,15 +419,9 @@ class LinearSystem:
         at = p.image_count * p.d + columns
         jacobian = _sparse(by[:, None], at, n)
         names = np.array(p.images.distance_names, dtype=object)[p.distance_rows]
-        return Rows(
-            names,
-            p.distance_given[:, None],
-            residual[:, None],
-            p.distance_weight[:, None] ** -0.5,
-            jacobian,
-            np.full(len(at), -1),
-            np.ones((len(at), 1, 1)),
-        )
+        given, sigma = p.distance_given[:, None], p.distance_weight[:, None] ** -0.5
+        image, turn = np.full(len(at), -1), np.ones((len(at), 1, 1))
+        return Rows(names, given, residual[:, None], sigma, jacobian, image, turn)
 
     @cached_property
     def posed(self) -> Rows:

@@ -457,19 +457,12 @@ def _plan(name: str, table: dict) -> Plan:
     tables = [*(flights if isinstance(flights, list) else [None]), own]
     if not all(isinstance(entry, dict) for entry in tables):
         raise InputError("flights are tables [[flight]], cameras tables [camera.NAME]")
-    return build(
-        Plan,
-        {"name": name}
-        | table
-        | {
-            "flights": tuple(
-                build(Flight, {"name": str(k + 1)} | f, f"flight {f.get('name', k + 1)}")
-                for k, f in enumerate(flights)
-            ),
-            "cameras": {key: Camera.from_table(key, value) for key, value in own.items()},
-        },
-        "the plan",
+    flown = tuple(
+        build(Flight, {"name": str(k)} | flight, f"flight {flight.get('name', k)}")
+        for k, flight in enumerate(flights, 1)
     )
+    cameras = {key: Camera.from_table(key, value) for key, value in own.items()}
+    return build(Plan, {"name": name} | table | {"flights": flown, "cameras": cameras}, "the plan")
 
 
 def build(kind: type, table: dict, where: str):

@@ -456,13 +456,7 @@ def _xyz(points: np.ndarray) -> dict:
 def _observed(names, images: pd.Index, points, views: Views, network: Network) -> pd.DataFrame:
     """Rows of tie_points or marks; names: of points, images: of images."""
     x, y = network.pixels(points, views).T
-    return pd.DataFrame(
-        {
-            "point": pd.Categorical.from_codes(
-                views.point, categories=pd.Index(names, dtype="str")
-            ),
-            "image": pd.Categorical.from_codes(views.image, categories=images),
-            "x": np.ascontiguousarray(x),
-            "y": np.ascontiguousarray(y),
-        }
-    )
+    point = pd.Categorical.from_codes(views.point, categories=pd.Index(names, dtype="str"))
+    image = pd.Categorical.from_codes(views.image, categories=images)
+    x, y = np.ascontiguousarray(x), np.ascontiguousarray(y)
+    return pd.DataFrame({"point": point, "image": image, "x": x, "y": y})

@@ -165,8 +165,9 @@ def _footprints(flown: Flown, low: float, high: float) -> np.ndarray:
         fall = np.minimum(world[:, :, 2:], -0.05)
         centre = flown.centre[mine][:, None]
         down = (level - centre[:, :, 2:] for level in (low, high))
-        hits = [centre[:, :, :2] + world[:, :, :2] * way / fall for way in down]
-        hits = np.concatenate(hits, axis=1)
+        hits = np.concatenate(
+            [centre[:, :, :2] + world[:, :, :2] * way / fall for way in down], axis=1
+        )
         if out is None:
             out = np.empty((len(flown.centre), hits.shape[1], 2))
         out[mine] = hits

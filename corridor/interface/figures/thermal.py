@@ -85,14 +85,10 @@ def thermal_parameters(fit: Fit) -> Figure:
     )
     if model.lag_s is not None:
         note += f" \u00b7 the optics lag {model.lag_s:.0f} s"
+    states = (("warming", ~table["cooling"]), ("cooling", table["cooling"]))
     parts = [
         (name, of, style.dot(marker, colour, 3.5, style.INK, 0.2))
-        for name, of, (colour, marker) in zip(
-            ("warming", "cooling"),
-            (~table["cooling"], table["cooling"]),
-            style.SERIES,
-            strict=False,
-        )
+        for (name, of), (colour, marker) in zip(states, style.SERIES, strict=False)
     ]
     optics = {"color": style.INK, "lw": 1.2}
     thermometer = {"color": style.MIDDLE, "lw": 1.0, "ls": "--"}

@@ -117,14 +117,10 @@ class Expected:
         for n in self.network.biases:
             # Its error is that of the adjustment: the bias is what it finds.
             error[n] = self._moments.stated[n, n]
-        frame = pd.DataFrame(
-            {
-                "parameter": self.network.labels,
-                "unit": [unknown.unit for unknown in unknowns],
-                "sigma": np.where(held, 0.0, np.sqrt(np.diag(self._moments.stated)[:q])),
-                "rms": np.sqrt(np.maximum(error, 0.0)),
-            }
-        )
+        units = [unknown.unit for unknown in unknowns]
+        frame = pd.DataFrame({"parameter": self.network.labels, "unit": units})
+        frame["sigma"] = np.where(held, 0.0, np.sqrt(np.diag(self._moments.stated)[:q]))
+        frame["rms"] = np.sqrt(np.maximum(error, 0.0))
         if self.open:
             frame[["sigma", "rms"]] = np.nan
         return frame[[unknown.kind != END for unknown in unknowns]].reset_index(drop=True)

@@ -314,16 +314,12 @@ def _block_of(plan: Plan, surveyed: Surveyed, seed: int) -> tuple[Block, Surveye
         surveyed.across[kept],
         surveyed.check[kept],
     )
+    ground = pd.DataFrame({"point": shown.names, **dict(zip("xyz", xyz[kept].T, strict=True))})
+    ground["role"] = np.where(shown.check, "check", "control")
     block = replace(
         block,
         marks=marks[marks["point"].isin(shown.names)].astype({"point": str, "image": str}),
-        ground=pd.DataFrame(
-            {
-                "point": shown.names,
-                **dict(zip("xyz", xyz[kept].T, strict=True)),
-                "role": np.where(shown.check, "check", "control"),
-            }
-        ),
+        ground=ground,
     )
     return block, shown, [surveyed.names[k] for k in np.flatnonzero(~twice)]
 
