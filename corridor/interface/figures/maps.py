@@ -47,7 +47,7 @@ class MapFrame:
 def columns(frame: pd.DataFrame, names: tuple[str, ...] = ("x", "y")) -> np.ndarray:
     """Columns of a table as (n, k) float64, NaN where a column or a value is missing."""
     known = frame.reindex(columns=list(names))
-    return known.to_numpy(dtype=float, na_value=np.nan)
+    return known.to_numpy(dtype=float, na_value=np.nan, copy=True)
 
 
 def centres(block: Block) -> np.ndarray:
