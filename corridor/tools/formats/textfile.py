@@ -199,10 +199,16 @@ class Json:
         raise self.wrong(f"has no number {key}" + f" ({value!r})" * (value is not None))
 
     def numbers(self, key: str, count: int) -> np.ndarray:
-        """The `count` finite numbers under a key. Raises InputError naming the place."""
-        found = self.get(key)
-        if isinstance(found, list) and len(found) == count and all(map(is_number, found)):
-            return np.array(found, dtype=float)
+        """The `count` finite numbers under a key, also as text or in lists of lists.
+
+        Raises InputError naming the place.
+        """
+        try:
+            found = np.array(self.get(key), dtype=float).ravel()
+        except (TypeError, ValueError, OverflowError):
+            found = np.zeros(0)
+        if len(found) == count and np.isfinite(found).all():
+            return found
         raise InputError(
             f"{self.where}: {key} is not {count} finite numbers; export the project again"
         )

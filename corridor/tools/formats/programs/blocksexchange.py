@@ -49,20 +49,19 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     file = _file(path) or path
     root = Xml.read(file)
     notes: list[str] = []
-    warnings: list[str] = []
     blocks = root.all("Block")
     if not blocks:
         raise root.wrong("it holds no block; export the block again")
     if len(blocks) > 1:
         notes.append(f"{file.name} holds {len(blocks)} blocks; the first was read")
-    return _Block(root, blocks[0], notes, warnings).project(file)
+    return _Block(root, blocks[0], notes).project(file)
 
 
 class _Block:
     """A block, its photographs and the frame it is read into."""
 
-    def __init__(self, root: Xml, block: Xml, notes: list[str], warnings: list[str]):
-        self.notes, self.warnings, self._block = notes, warnings, block
+    def __init__(self, root: Xml, block: Xml, notes: list[str]):
+        self.notes, self._block = notes, block
         self._systems = {
             part.text("Id"): part.text("Definition")
             for part in root.all("SpatialReferenceSystems/SRS")
@@ -123,7 +122,6 @@ class _Block:
             local=self.local,
             crs=self._system if projected else None,
             notes=self.notes,
-            warnings=self.warnings,
         ).project(NAME, file, placed=self._system is not None)
 
     def _frame(self, places: np.ndarray) -> Local | None:

@@ -63,7 +63,6 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         main = path / "opensfm" / MAIN
     folder = main.parent
     notes: list[str] = []
-    warnings: list[str] = []
     whole = _largest(Json.read(main), notes)
     shots = whole.objects("shots", "shot")
     used = [shot.text("camera") for shot in shots.values()]
@@ -89,7 +88,6 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         gnss=_gnss(whole, shots, notes),
         local=local,
         notes=notes,
-        warnings=warnings,
     ).project(NAME, main, placed=local is not None)
     ground = folder / "ground_control_points.json"
     return (
