@@ -258,6 +258,13 @@ class Block:
                 out[at[known]] = xyz[known]
         return out
 
+    def outside(self, table: str) -> np.ndarray:
+        """(n,) bool: which tie points or marks lie outside their picture."""
+        sizes = {name: (one.width, one.height) for name, one in self.cameras.items()}
+        size = np.array([sizes[name] for name in self.images["camera"]], dtype=float)
+        pixels = self.numbers(table, "x", "y")
+        return ((pixels < -0.5) | (pixels > size[self.image_rows(table)] - 0.5)).any(axis=1)
+
     @property
     def form(self) -> str:
         """How its observations were stored: "parquet", or "csv", also of a block made in memory."""

@@ -39,7 +39,7 @@ from corridor.tools.formats.ground import Ground, add_to, called_as_marked, in_f
 from corridor.tools.formats.plausible import refusal
 from corridor.tools.formats.project import Project
 from corridor.tools.formats.proof import LARGE_PX
-from corridor.tools.formats.rows import rows_of, share_outside
+from corridor.tools.formats.rows import rows_of
 from corridor.tools.formats.strange import not_text
 
 XYZ = list(POSE[:3])
@@ -185,14 +185,13 @@ def _factors(block: Block, photos: Mapping[int, Metadata]) -> list[float]:
 def _missed(block: Block) -> float:
     """By how many pixels rays of marks miss each other, median; infinite where none meet."""
     missed = ground_seen(block).missed_px
-    inside = share_outside(block, "marks") < 0.5
-    return float(np.median(missed)) if len(missed) and inside else np.inf
+    inside = len(missed) and np.mean(block.outside("marks")) < 0.5
+    return float(np.median(missed)) if inside else np.inf
 
 
 def ground_seen(block: Block) -> Seen:
     """Control and check points where the rays of their marks meet by the block's own poses."""
-    rows = rows_of(block, complete=False)
-    rows = rows.only(np.isfinite(rows.centre).all(axis=1)[rows.image])
+    rows = rows_of(block, complete=False).posed()
     table = block.ground[block.ground["role"] != "unused"]
     at = rows.point_names.get_indexer(table["point"])
     given, names = table[XYZ].to_numpy(float)[at >= 0], table["point"].to_numpy()[at >= 0]
@@ -427,11 +426,8 @@ def _in_pixels(block: Block) -> float:
 
 def _by_point(block: Block) -> SeriesGroupBy:
     """The same of each mark, by the names of the points."""
-    rows = rows_of(block, complete=False)
+    rows = rows_of(block, complete=False).usable()
     marks = rows.only(rows.point >= rows.ties)
-    good = np.isfinite(marks.positions).all(axis=1)[marks.point]
-    good &= np.isfinite(marks.centre).all(axis=1)[marks.image]
-    marks = marks.only(good)
     length = np.linalg.norm(marks.residuals(), axis=1)
     found = pd.Series(np.where(np.isfinite(length), length, np.inf))
     return found.groupby(marks.point_names[marks.point].astype(str))

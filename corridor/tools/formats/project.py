@@ -220,9 +220,7 @@ def ground_table(
 
 def same_point_once(table: pd.DataFrame, what: str, warnings: list[str]) -> pd.DataFrame:
     """The observations without a second one of the same point in the same image, which are told."""
-    key = table["point"].array.codes.astype(np.int64)
-    key = key * max(len(table["image"].cat.categories), 1) + table["image"].array.codes
-    again = pd.Series(key).duplicated().to_numpy()
+    again = table.duplicated(["point", "image"]).to_numpy()
     if not again.any():
         return table
     first = table.iloc[int(np.argmax(again))]

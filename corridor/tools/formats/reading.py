@@ -16,7 +16,6 @@ from corridor.tools.formats.control import placed_by_own
 from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.programs import candidates, formats
 from corridor.tools.formats.project import Project, near_origin
-from corridor.tools.formats.rows import share_outside
 from corridor.tools.formats.strange import strange
 
 # A few bad matches lie outside their picture.
@@ -46,7 +45,8 @@ def read_project(
     with blaming(path, f"a project of {form}"):
         project = formats()[form].read(path, size)
         project = project if project.own else _counted_in_metres(project)
-        outside = share_outside(project.block, "tie_points") if size else 0.0
+        ties = size and len(project.block.tie_points)
+        outside = project.block.outside("tie_points").mean() if ties else 0.0
         if outside > _MOST_OUTSIDE:
             raise InputError(
                 f"{outside:.0%} of the image points lie outside pictures of {size[0]} x {size[1]} "

@@ -364,7 +364,7 @@ def write(block: Block, folder: Path, name: str) -> None:
     with file(folder, "points3D", len(points)) as out:
         out.points(
             points, rows.positions, _mean_errors(rows, ends, by_point),
-            rows.image.astype(np.int64) + 1, numbered(rows.image, len(images)), by_point, ends,
+            rows.image.astype(np.int64) + 1, numbered(rows.image), by_point, ends,
         )  # fmt: skip
     write_rigs(block, folder, file, records, cameras)
     write_ground(block, points[rows.ties :], rows.point_names[rows.ties :], folder)
