@@ -269,6 +269,14 @@ def read_lines(path: Path) -> list[str]:
     return re.split(r"\r\n|\n|\r", text.rstrip("\r\n"))
 
 
+def read_bytes(path: Path) -> bytes:
+    """What a file holds. Raises InputError where it is missing or cannot be read."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise missing(path, error) from error
+
+
 def missing(path: Path, error: Exception) -> InputError:
     """The sentence for a file that is not there or cannot be read."""
     if isinstance(error, FileNotFoundError):
@@ -291,10 +299,7 @@ class Xml:
     @classmethod
     def read(cls, path: Path) -> Xml:
         """Root of an XML file. Raises InputError where it is missing, cut off or no XML."""
-        try:
-            return cls.parse(path.read_bytes(), path)
-        except OSError as error:
-            raise missing(path, error) from error
+        return cls.parse(read_bytes(path), path)
 
     @classmethod
     def parse(cls, data: bytes, path: Path) -> Xml:

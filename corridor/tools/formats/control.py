@@ -25,12 +25,7 @@ from corridor.core.geometry import (
     rotation_from_quaternion,
     similarity,
 )
-from corridor.core.gnss import (
-    GEOGRAPHIC,
-    Local,
-    known_crs,
-    local_of,
-)
+from corridor.core.gnss import GEOGRAPHIC, Local, known_crs, local_of
 from corridor.core.photographs import Metadata
 from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness, unit_of
 from corridor.tools.formats.faults import blaming
@@ -164,11 +159,11 @@ def _in_size(project: Project, ground: Ground, photos: Mapping[int, Metadata]) -
     best = min(missed, key=missed.get)
     if best == 1.0 or not missed[best] < _BETTER * missed[1.0]:
         return found[1.0]
-    size = max(max(camera.width, camera.height) for camera in project.block.cameras.values())
+    size = _limit(project.block)
     was = "" if not np.isfinite(missed[1.0]) else f" in place of {missed[1.0]:.3g} px as they are"
     return found[best].noted(
         f"{ground.path.name}: its marks were measured in pictures of {size / best:.0f} px and "
-        f"brought to {size} px: there their rays meet to {missed[best]:.2g} px{was}"
+        f"brought to {size:.0f} px: there their rays meet to {missed[best]:.2g} px{was}"
     )
 
 
@@ -340,15 +335,12 @@ def _robust(seen: Seen) -> tuple[Similarity, np.ndarray] | None:
 def moved_by(project: Project, move: Similarity) -> Project:
     """The project's poses and points by a similarity; its ground points stay where they are."""
     block = project.block
-    pose = block.poses
-    known = np.isfinite(pose).all(axis=1)
-    pose[known, :3] = move.apply(pose[known, :3])
-    turned = move.apply_to_rotations(rotation_from_quaternion(pose[known, 3:]))
-    pose[known, 3:] = quaternion_from_rotation(turned)
-    images = block.images.assign(**dict(zip(POSE, pose.T, strict=True)))
-    places = move.apply(block.points[XYZ].to_numpy(float))
-    points = block.points.assign(**dict(zip(XYZ, places.T, strict=True)))
-    return project.having(images=images, points=points)
+    turned = move.apply_to_rotations(rotation_from_quaternion(block.poses[:, 3:]))
+    pose = [move.apply(block.poses[:, :3]), quaternion_from_rotation(turned)]
+    made = block.copy()
+    made.put("images", POSE, np.hstack(pose))
+    made.put("points", XYZ, move.apply(block.points[XYZ].to_numpy(float)))
+    return replace(project, block=made)
 
 
 def _refuse_beside_others(block: Block, names: list[str], file: str) -> None:

@@ -65,12 +65,9 @@ def moved(block: Block, target: Local | str, crs: str | None = None) -> Block:
             places[known] = over(places[known])
             made.put(table, "xyz", places)
     if _has(block, "images", POSE):
-        pose = block.poses
-        known = np.isfinite(pose).all(axis=1)
-        rotation = rotation_from_quaternion(pose[known, 3:])
-        back = np.transpose(turns["images"][known], (0, 2, 1))
-        pose[known, 3:] = quaternion_from_rotation(rotation @ back)
-        made.put("images", POSE[3:], pose[:, 3:])
+        rotation = rotation_from_quaternion(block.poses[:, 3:])
+        turned = rotation @ turns["images"].transpose(0, 2, 1)
+        made.put("images", POSE[3:], quaternion_from_rotation(turned))
     for table, names in _VELOCITY:
         if _has(block, table, names):
             velocity = block.numbers(table, *names)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.core.block import POSE, Block
+from corridor.core.block import POSE, SIGMAS, Block
 from corridor.core.brief import brief
 from corridor.core.camera import Camera
 from corridor.core.errors import InputError, some
@@ -216,6 +216,19 @@ def ground_table(
     table["role"] = pd.Series(list(roles) if roles is not None else ["control"] * len(table))
     table["role"] = table["role"].astype("str")
     return table
+
+
+def gnss_table(rows: Sequence[tuple]) -> pd.DataFrame | None:
+    """gnss.csv of rows image, x, y, z, sx, sy, sz, metres; None without any.
+
+    Standard deviations that are not positive are unknown.
+    """
+    if not rows:
+        return None
+    table = pd.DataFrame(rows, columns=["image", *"xyz", *SIGMAS])
+    sigma = table[list(SIGMAS)]
+    table[list(SIGMAS)] = sigma.where(sigma > 0)
+    return table.dropna(axis="columns", how="all")
 
 
 def same_point_once(table: pd.DataFrame, what: str, warnings: list[str]) -> pd.DataFrame:

@@ -8,10 +8,7 @@ import pandas as pd
 
 from corridor.core.block import SIGMAS, Block
 from corridor.core.errors import InputError
-from corridor.core.gnss import (
-    known_crs,
-    metric,
-)
+from corridor.core.gnss import known_crs, metric
 from corridor.tools.formats.control import placed_by_own
 from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.programs import candidates, formats

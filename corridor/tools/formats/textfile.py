@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from corridor.core.errors import InputError
-from corridor.core.textfile import UTF16, Line, is_number, lines, missing
+from corridor.core.textfile import UTF16, Line, is_number, lines, read_bytes
 
 
 def says_number(word: str) -> bool:
@@ -138,10 +138,7 @@ class Json:
     @classmethod
     def read(cls, path: Path) -> Json:
         """What a JSON file holds. Raises InputError naming file and line."""
-        try:
-            data = path.read_bytes()
-        except OSError as error:
-            raise missing(path, error) from error
+        data = read_bytes(path)
         try:
             text = data.decode("utf-16" if data[:2] in UTF16 else "utf-8-sig")
             return cls(json.loads(text, object_pairs_hook=_once), path.name)

@@ -13,14 +13,13 @@ import re
 from pathlib import Path, PurePosixPath
 
 import numpy as np
-import pandas as pd
 
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_angles
 from corridor.core.gnss import Local, convert, known_crs
 from corridor.core.textfile import Xml
 from corridor.tools.formats.cameras import NoModel, in_the_middle, opencv_camera, where_known
-from corridor.tools.formats.project import Contents, Project, Views, ground_table
+from corridor.tools.formats.project import Contents, Project, Views, gnss_table, ground_table
 from corridor.tools.formats.textfile import opening
 
 NAME = "blocksexchange"
@@ -217,10 +216,7 @@ class _Block:
                 system = self._system_of(part, self._system)
                 sigma = [part.value(f"Accuracy/{axis}", np.nan) for axis in "xyz"]
                 rows.append((name, *self._framed(place, system)[0], *sigma))
-        if not rows:
-            return None
-        table = pd.DataFrame(rows, columns=["image", "x", "y", "z", "sx", "sy", "sz"])
-        return table.dropna(axis="columns", how="all")
+        return gnss_table(rows)
 
     # --- points -------------------------------------------------------------------------------
 

@@ -17,7 +17,7 @@ import pandas as pd
 
 from corridor.core.block import Block
 from corridor.core.errors import InputError
-from corridor.tools.formats.cameras import NoModel, where_known
+from corridor.tools.formats.cameras import where_known
 from corridor.tools.formats.columns import grouped, numbered
 from corridor.tools.formats.names import in_any_case
 from corridor.tools.formats.programs.colmap import records
@@ -248,12 +248,7 @@ class _Model:
         return leaders
 
     def _camera(self, name):
-        try:
-            return camera_of(name, *self.cameras[int(name)], self.notes)
-        except NoModel:
-            raise
-        except InputError as error:
-            raise InputError(f"{self.folder}: {error}") from None
+        return camera_of(name, *self.cameras[int(name)], self.notes)
 
     def _poses(self):
         length = np.linalg.norm(self.pose[:, :4], axis=1)

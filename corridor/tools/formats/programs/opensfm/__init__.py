@@ -26,7 +26,7 @@ from corridor.tools.formats.ground import Ground, add_to
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.programs.opensfm.writing import HEADER, MAIN, WIDTH
 from corridor.tools.formats.programs.opensfm.writing import write as write
-from corridor.tools.formats.project import Contents, Project, Views, ground_table
+from corridor.tools.formats.project import Contents, Project, Views, gnss_table, ground_table
 from corridor.tools.formats.textfile import Json, opening
 
 NAME = "opensfm"
@@ -173,9 +173,7 @@ def _gnss(whole, shots, notes):
         dop = shot.get("gps_dop")
         dop = dop if isinstance(dop, (int, float)) and np.isfinite(dop) and dop > 0 else np.nan
         rows.append((name, *shot.numbers("gps_position", 3), dop, dop, dop))
-    if not rows:
-        return None
-    biases = whole.get("biases")
+    biases = whole.get("biases") if rows else None
     shifted = [
         name
         for name, bias in (biases.items() if isinstance(biases, dict) else ())
@@ -186,9 +184,7 @@ def _gnss(whole, shots, notes):
             f"OpenSfM estimated a bias of the GPS of {', '.join(shifted)}: gnss.csv holds the "
             "positions as they were measured"
         )
-    return pd.DataFrame(rows, columns=["image", "x", "y", "z", "sx", "sy", "sz"]).dropna(
-        axis="columns", how="all"
-    )
+    return gnss_table(rows)
 
 
 def _points(whole):
