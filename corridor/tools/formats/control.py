@@ -98,28 +98,26 @@ def add_ground(
             ground = replace(ground, crs=crs)
         framed = project.placed or project.block.crs or local_of(project.block)
         project = _in_size(_with_place(project, ground), ground, photos or {})
-        if framed and ground.table is not None and len(ground.table):
+        if framed and listed:
             given = ground.table[XYZ].to_numpy(float)
-            wrong = refusal(project.block, list(ground.table["point"]), given, ground.crs, in_frame)
+            wrong = refusal(project.block, listed, given, ground.crs, in_frame)
             if wrong:
                 raise InputError(wrong)
-    names = [] if ground.table is None else list(ground.table["point"])
-    notes = [f"{path.name}: {len(names)} ground points, {len(ground.marks)} marks"]
+    notes = [f"{path.name}: {len(listed)} ground points, {len(ground.marks)} marks"]
     marked = set(project.block.marks["point"].cat.categories)
-    unseen = [name for name in names if name not in marked]
+    unseen = [name for name in listed if name not in marked]
     if unseen:
         notes.append(f"{len(unseen)} ground points are measured in no image: {some(unseen, 5)}")
     project = project.having(notes=notes)
     block = project.block
     if not (len(block.ground) and len(block.marks)):
         return project
-    free = not project.placed and local_of(block) is None
-    if free:
+    if not project.placed and local_of(block) is None:
         project = _placed(project, path.name)
     else:
-        _refuse_beside_others(project.block, names, path.name)
+        _refuse_beside_others(project.block, listed, path.name)
         project = _in_one_height_system(project, path.name)
-    heights = np.zeros(0) if ground.table is None else ground.table["z"].to_numpy(float)
+    heights = ground.table["z"].to_numpy(float) if listed else np.zeros(0)
     if len(heights) <= _LEAST_POINTS or np.ptp(heights) > 0:
         return project
     return project.warned(

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from corridor.core.errors import InputError
-from corridor.core.textfile import UTF16, Line, is_number, lines, read_bytes
+from corridor.core.textfile import UTF16, Line, is_number, lines, read_bytes, unpacked
 
 
 def says_number(word: str) -> bool:
@@ -76,11 +76,11 @@ class Following:
 
 
 def opening(path: Path, size: int = 4096) -> str:
-    """The first characters of a file, whatever it is: for telling formats apart."""
+    """The first characters of a file, whatever it is, packed or not: for telling formats apart."""
     try:
-        with path.open("rb") as file:
+        with unpacked(path) as file:
             data = file.read(size)
-    except OSError:
+    except (OSError, EOFError):
         return ""
     if data.startswith(UTF16):
         return data.decode("utf-16", errors="replace").lstrip("\ufeff")
