@@ -82,28 +82,13 @@ def _coded_type() -> pa.DataType:
     return pa.dictionary(pa.int32(), pa.string())
 
 
-def _coded(pieces: Iterable[pa.ChunkedArray]) -> pd.Series:
-    """Categorical of the pieces of a dictionary-encoded column."""
-    chunks = [chunk for piece in pieces for chunk in piece.chunks]
-    different: list[pa.Array] = []
-    which = []
-    for chunk in chunks:
-        # A row group in two chunks has one dictionary, and its names are looked up once.
-        if not different or not chunk.dictionary.equals(different[-1]):
-            different.append(chunk.dictionary)
-        which.append(len(different) - 1)
-    names = pa.chunked_array(different, type=pa.string()).combine_chunks().dictionary_encode()
-    numbers = pc.fill_null(names.indices, -1).to_numpy()
-    ends = np.cumsum([len(one) for one in different])[:-1]
-    # Code -1, an empty cell, takes the last.
-    place = [np.append(one, np.int32(-1)) for one in np.split(numbers, ends)]
-    codes = np.empty(sum(map(len, chunks)), dtype=np.int32)
-    row = 0
-    for chunk, one in zip(chunks, which, strict=True):
-        into = codes[row : row + len(chunk)]
-        np.take(place[one], pc.fill_null(chunk.indices, -1), out=into, mode="wrap")
-        row += len(chunk)
-    return pd.Series(categorical(codes, pd.Index(names.dictionary.to_pandas())))
+def _coded(column: pa.ChunkedArray) -> pd.Series:
+    """Categorical of a dictionary-encoded column, of which each chunk has names of its own."""
+    column = column.unify_dictionaries()
+    codes = [pc.fill_null(chunk.indices, -1).to_numpy() for chunk in column.chunks]
+    names = column.chunk(0).dictionary.to_pandas() if codes else []
+    codes = np.concatenate([np.zeros(0, np.int32), *codes])
+    return pd.Series(categorical(codes, pd.Index(names, dtype="str")))
 
 
 def _numbers(pieces: Iterable[pa.ChunkedArray], rows: int) -> np.ndarray:
@@ -162,7 +147,7 @@ def _read_utf8(path: Path, layout: Layout) -> pd.DataFrame:
         column = arrow[name]
         arrow = arrow.drop_columns([name])
         if name in layout.coded:
-            columns[name] = _coded([column])
+            columns[name] = _coded(column)
         elif name in layout.numbers:
             columns[name] = _numbers([column], len(column))
         else:
@@ -400,10 +385,9 @@ def _columns(file: ParquetFile, path: Path, layout: Layout) -> dict[str, pd.Seri
                 continue
             parts: list[Any] = [job.result() for job in read.pop(name)]
             if name in layout.coded:
-                columns[name] = _coded(parts)
+                columns[name] = _coded(_joined(parts, _coded_type()))
             elif name in NAMES:
-                chunks = [chunk for part in parts for chunk in part.chunks]
-                columns[name] = pa.chunked_array(chunks, type=pa.string()).to_pandas()
+                columns[name] = _joined(parts, pa.string()).to_pandas()
             else:
                 columns[name] = np.concatenate([np.zeros(0), *parts])
     return columns
@@ -420,7 +404,11 @@ def _part(path: Path, layout: Layout, name: str, groups: range) -> pa.ChunkedArr
         else:
             rows = sum(file.metadata.row_group(one).num_rows for one in groups)
             return _numbers((pc.cast(_plain(one), pa.float64(), safe=False) for one in read), rows)
-        return pa.chunked_array([chunk for one in pieces for chunk in one.chunks], type=kind)
+        return _joined(pieces, kind)
+
+
+def _joined(parts: Iterable[pa.ChunkedArray], kind: pa.DataType) -> pa.ChunkedArray:
+    return pa.chunked_array([chunk for part in parts for chunk in part.chunks], type=kind)
 
 
 def _encoded(column: pa.ChunkedArray) -> pa.ChunkedArray:
