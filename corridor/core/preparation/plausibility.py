@@ -93,7 +93,7 @@ def _passed_over(block: Block) -> Iterator[str]:
 
 
 def _settings(block: Block) -> Iterator[str]:
-    tables = [("", block.extra, _KEYS)]
+    tables: list[tuple[str, dict, tuple[str, ...]]] = [("", block.extra, _KEYS)]
     cameras = block.cameras.items()
     tables += [(f" of [camera.{name}]", one.extra, _CAMERA_KEYS) for name, one in cameras]
     for where, table, known in tables:
