@@ -248,14 +248,9 @@ class Block:
         out = np.full((len(names), 3), np.nan)
         for source in (self.points,) if table == "tie_points" else (self.points, self.ground):
             at = places(source["point"], names)
-            # Of a river's points all are asked for, or few.
-            rows = slice(None) if (at >= 0).all() else np.flatnonzero(at >= 0)
-            xyz = np.stack([source[axis].to_numpy(float)[rows] for axis in "xyz"], axis=1)
-            at, known = at[rows], np.isfinite(xyz).all(axis=1)
-            if known.all():
-                out[at] = xyz
-            else:
-                out[at[known]] = xyz[known]
+            xyz = np.stack([source[axis].to_numpy(float) for axis in "xyz"], axis=1)
+            known = (at >= 0) & np.isfinite(xyz).all(axis=1)
+            out[at[known]] = xyz[known]
         return out
 
     def outside(self, table: str) -> np.ndarray:
