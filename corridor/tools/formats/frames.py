@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from corridor.core.block import POSE, RHO, Block, correlations, covariances
+from corridor.core.block import POSE, RHO, SIGMAS, VELOCITY, Block, correlations, covariances
 from corridor.core.geometry import quaternion_from_rotation, rotation_from_quaternion
 from corridor.core.gnss import (
     GEOGRAPHIC,
@@ -18,9 +18,8 @@ from corridor.core.gnss import (
 
 # Directions are differences over this length: of PROJ's nanometres 1e-11 rad are left.
 _STEP_M = 100.0
-_SIGMAS = (("gnss", ("sx", "sy", "sz")), ("ground", ("sx", "sy", "sz")),
-           ("points", ("sx", "sy", "sz")), ("track", ("sx", "sy", "sz")))  # fmt: skip
-_VELOCITY = (("images", ("vx", "vy", "vz")), ("track", ("vx", "vy", "vz")))
+_SIGMAS = tuple((table, SIGMAS) for table in ("gnss", "ground", "points", "track"))
+_VELOCITY = (("images", VELOCITY), ("track", VELOCITY))
 
 
 def local_table(local: Local, crs: str | None = None) -> dict[str, float | str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.core.block import SIGMAS, Block
+from corridor.core.block import SIGMAS, Block, places
 from corridor.core.errors import InputError
 from corridor.core.gnss import known_crs, metric
 from corridor.tools.formats.control import placed_by_own
@@ -84,8 +84,7 @@ def _unseen(block: Block) -> list[str]:
     names = block.tie_points["point"].cat.categories
     codes = block.tie_points["point"].array.codes.astype(np.int64)
     seen = np.bincount(codes, minlength=len(names))
-    same = len(names) == len(block.points) and names.equals(pd.Index(block.points["point"]))
-    at = np.arange(len(names)) if same else names.get_indexer(block.points["point"])
+    at = places(block.points["point"], names)
     few = pd.Series(np.where(at >= 0, seen[at], 0) < 2)
     if len(block.ground) or len(block.marks):
         few &= ~block.points["point"].isin(set(block.ground["point"]))

@@ -264,14 +264,11 @@ def _tracks(path, images, used, points, whole, notes):
 
 
 def _codes(column, known):
-    known = pd.Index(known, dtype="str")
-    out = np.empty(len(column), dtype=np.int32)
-    row = 0
-    for chunk in column.chunks:
-        place = known.get_indexer(pd.Index(chunk.dictionary.to_pandas(), dtype="str"))
-        out[row : row + len(chunk)] = place[chunk.indices.to_numpy()]
-        row += len(chunk)
-    return out
+    column = column.unify_dictionaries()
+    names = column.chunk(0).dictionary.to_pandas() if column.num_chunks else []
+    place = pd.Index(known, dtype="str").get_indexer(pd.Index(names, dtype="str"))
+    codes = [place[chunk.indices.to_numpy()] for chunk in column.chunks]
+    return np.concatenate([np.zeros(0, np.int32), *codes]).astype(np.int32)
 
 
 def _bad_track(path, width, skip, error):
