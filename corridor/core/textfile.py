@@ -250,8 +250,7 @@ def read_lines(path: Path) -> list[str]:
             pieces = iter(lambda: file.read(_PIECE), b"")
             data = b"".join(islice(pieces, _MOST_HELD // _PIECE + 1))
     except (OSError, EOFError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{path.name} cannot be read ({reason}); correct the path") from error
+        raise missing(path, error) from error
     if len(data) > _MOST_HELD:
         raise InputError(
             f"{path.name} holds more than {_MOST_HELD / 1e6:.0f} MB of text; give the part that "
@@ -396,6 +395,4 @@ class Xml:
 
 def is_number(value: object) -> TypeGuard[int | float]:
     """Whether a value of TOML or JSON is a finite number; whole ones there may have any length."""
-    return (
-        isinstance(value, (int, float)) and not isinstance(value, bool) and -1e300 < value < 1e300
-    )
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300
