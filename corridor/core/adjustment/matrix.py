@@ -4,16 +4,18 @@
     [ E' D ] [ds] = [h]
 
 B belongs to the images (d unknowns each), D to what they share. B is a band along the corridor
-(LAPACK lower band storage, Cholesky) or, where the band would cost more, a sparse matrix.
+(LAPACK lower band storage, Cholesky) or, where the band would cost more, blocks of those images
+that share points, with a Cholesky factor of fronts.
 """
 
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.sparse import bsr_array, csc_array
-from scipy.sparse.linalg import SuperLU, splu
 
+from corridor.core.adjustment.fronts import FrontFactor, Tree
 from corridor.core.engine.interface import Engine, Factor
 from corridor.core.engine.scene import Storage
 
@@ -138,9 +140,7 @@ class Band(Blocks):
         self.holds = self.engine.factor(self.flat, self.ld, self.n)
         if self.holds.weak is not None:
             raise Singular(*divmod(self.holds.weak, self.d))
-        weak = self.flat[self._diagonal()] ** 2 < SINGULAR * reference
-        if weak.any():
-            raise Singular(*(int(v) for v in np.argwhere(weak)[0]))
+        _refuse_weak(self.flat[self._diagonal()], reference)
         return self.holds
 
     def inverse(self, left: np.ndarray, right: np.ndarray) -> Storage:
@@ -151,7 +151,7 @@ class Band(Blocks):
 
 
 class Sparse(Blocks):
-    """B as sparse blocks, factorised by SuperLU. For blocks that are not corridors."""
+    """B as sparse blocks, factorised front by front. For blocks that are not corridors."""
 
     def __init__(self, images: int, d: int, ptr: np.ndarray, img: np.ndarray):
         super().__init__(images, d)
@@ -167,37 +167,29 @@ class Sparse(Blocks):
     def _pairs(self) -> tuple[np.ndarray, np.ndarray]:
         return self.neighbour, np.repeat(np.arange(self.images), np.diff(self.neighbour_start))
 
-    def factor(self, reference: np.ndarray) -> SuperLU:
+    @cached_property
+    def tree(self) -> Tree:
+        """The order of elimination: the same for all equations that are put here."""
+        return Tree(self.neighbour_start, self.neighbour)
+
+    def factor(self, reference: np.ndarray) -> FrontFactor:
         """As of `Band`."""
-        try:
-            self.holds = splu(
-                self.symmetric(),
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
-        except RuntimeError:
-            raise Singular(0, 0) from None
-        pivots = self.holds.U.diagonal()
-        original = np.empty(self.n)
-        original[self.holds.perm_c] = np.arange(self.n)
-        original = original.astype(int)
-        weak = pivots < SINGULAR * reference.ravel()[original]
-        if weak.any():
-            raise Singular(*divmod(int(original[np.flatnonzero(weak)[0]]), self.d))
+        self.holds = FrontFactor(self.tree, self.flat, self.d)
+        if self.holds.weak is not None:
+            raise Singular(*self.holds.weak)
+        _refuse_weak(self.holds.pivots, reference)
         return self.holds
 
     def inverse(self, left: np.ndarray, right: np.ndarray) -> Storage:
         """As of `Band`, with room of its own."""
-        d, out = self.d, np.empty_like(self.flat)
-        for i in range(self.images):
-            unit = np.zeros((self.n, d), order="F")
-            unit[i * d : (i + 1) * d] = np.eye(d)
-            column = self.holds.solve(unit) + left @ right[i * d : (i + 1) * d].T
-            start, stop = self.neighbour_start[i : i + 2]
-            rows = self.neighbour[start:stop, None] * d + np.arange(d)
-            out[start * d * d : stop * d * d] = column[rows].transpose(0, 2, 1).ravel()
-        return self.storage._replace(flat=out)
+        return self.storage._replace(flat=self.holds.inverse(self.storage, left, right))
+
+
+def _refuse_weak(pivots: np.ndarray, reference: np.ndarray) -> None:
+    """Raises Singular where the diagonal (images, d) of a factor is rounding beside `reference`."""
+    weak = pivots**2 < SINGULAR * reference
+    if weak.any():
+        raise Singular(*(int(v) for v in np.argwhere(weak)[0]))
 
 
 def neighbours(images: int, ptr: np.ndarray, img: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -223,12 +215,9 @@ class Bordered:
         """
         self.blocks, self.q = blocks, block.shape[0]
         self._made = blocks.factor(reference)
-        # E, and L^-1 E of a band, else B^-1 E.
-        self._cross, self._solved = cross, np.zeros((blocks.n, 0))
-        if self.q:
-            self._solved = self._half(cross)
-        left = self._solved if isinstance(blocks, Band) else cross
-        schur = np.tril(block) - np.tril(left.T @ self._solved)
+        # L^-1 E: products need no more.
+        self._solved = self._factor.half(cross) if self.q else np.zeros((blocks.n, 0))
+        schur = np.tril(block) - np.tril(self._solved.T @ self._solved)
         self.shared_factor = _cholesky(schur, shared_reference)
 
     @property
@@ -239,24 +228,15 @@ class Bordered:
             )
         return self._made
 
-    def _half(self, right: np.ndarray) -> np.ndarray:
-        """L^-1 right of a band: products need no more; else B^-1 right."""
-        if isinstance(self.blocks, Band):
-            return self._factor.half(right)
-        return self._factor.solve(np.asfortranarray(right))
-
     def across(self) -> np.ndarray:
         """B^-1 E (n, q)."""
-        banded = isinstance(self.blocks, Band)
-        return self._factor.other_half(self._solved) if banded else self._solved
+        return self._factor.other_half(self._solved)
 
     def solve(self, right: np.ndarray, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solution for right (n, k) and shared (q, k)."""
-        half, banded = self._half(right), isinstance(self.blocks, Band)
-        left = self._solved if banded else self._cross
-        ds = self._shared_solution(shared - left.T @ half)
-        half = half - self._solved @ ds
-        return (self._factor.other_half(half) if banded else half), ds
+        half = self._factor.half(right)
+        ds = self._shared_solution(shared - self._solved.T @ half)
+        return self._factor.other_half(half - self._solved @ ds), ds
 
     def inverse(self, left: np.ndarray, right: np.ndarray) -> Storage:
         """B^-1 + left right' where the equations have entries; of a band in the factor's place."""
