@@ -8,6 +8,8 @@ B belongs to the images (d unknowns each), D to what they share. B is a band alo
 that share points, with a Cholesky factor of fronts.
 """
 
+from __future__ import annotations
+
 from functools import cached_property
 from typing import Any
 
@@ -15,7 +17,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.sparse import bsr_array, csc_array
 
-from corridor.core.adjustment.fronts import FrontFactor, Tree
+from corridor.core.adjustment.fronts import FrontFactor, least_fill
 from corridor.core.engine.interface import Engine, Factor
 from corridor.core.engine.scene import Storage
 
@@ -168,21 +170,109 @@ class Sparse(Blocks):
         return self.neighbour, np.repeat(np.arange(self.images), np.diff(self.neighbour_start))
 
     @cached_property
-    def tree(self) -> Tree:
-        """The order of elimination: the same for all equations that are put here."""
-        return Tree(self.neighbour_start, self.neighbour)
+    def _places(self) -> _Places:
+        """Where the blocks go: the same for all equations that are put here."""
+        return _Places(self.neighbour_start, self.neighbour)
 
-    def factor(self, reference: np.ndarray) -> FrontFactor:
+    def factor(self, reference: np.ndarray) -> SparseFactor:
         """As of `Band`."""
-        self.holds = FrontFactor(self.tree, self.flat, self.d)
+        self.holds = SparseFactor(self._places, self.flat, self.d)
         if self.holds.weak is not None:
-            raise Singular(*self.holds.weak)
+            raise Singular(*divmod(self.holds.weak, self.d))
         _refuse_weak(self.holds.pivots, reference)
         return self.holds
 
     def inverse(self, left: np.ndarray, right: np.ndarray) -> Storage:
         """As of `Band`, with room of its own."""
-        return self.storage._replace(flat=self.holds.inverse(self.storage, left, right))
+        return self.storage._replace(flat=self.holds.inverse(left, right))
+
+
+class _Places:
+    """Where the blocks of a storage lie in fronts.
+
+    order (m,): images as they are eliminated. earlier, later (k,): images of each block. Of each
+    front blocks: those that belong there, their rows and columns among its images, and whether the
+    storage has them the other way round.
+    """
+
+    def __init__(self, start: np.ndarray, neighbour: np.ndarray):
+        images = len(start) - 1
+        self.later, self.earlier = neighbour, np.repeat(np.arange(images), np.diff(start))
+        self.order, self.fronts = least_fill(self.later, self.earlier, images)
+        place = np.argsort(self.order)
+        one, other = place[self.later], place[self.earlier]
+        first = np.searchsorted(self.fronts.ends, np.minimum(one, other), side="right")
+        sort = np.argsort(first, kind="stable")
+        blocks = np.split(sort, np.searchsorted(first[sort], np.arange(1, len(self.fronts))))
+        self.blocks = [
+            (
+                mine,
+                self.fronts.within(n, np.maximum(one[mine], other[mine])),
+                self.fronts.within(n, np.minimum(one[mine], other[mine])),
+                one[mine] < other[mine],
+            )
+            for n, mine in enumerate(blocks)
+        ]
+
+
+class SparseFactor:
+    """L of the blocks of a storage, as `Factor`. weak: the first row that is not positive."""
+
+    def __init__(self, places: _Places, flat: np.ndarray, d: int):
+        """flat: the blocks, which are left as they are."""
+        self._places, self._d = places, d
+        fronts = places.fronts
+        own: list[np.ndarray] = []
+        link: list[np.ndarray] = []
+        for (block, row, column, turned), rows, size in zip(
+            places.blocks, fronts.later, fronts.ends - fronts.starts, strict=True
+        ):
+            some = flat.reshape(-1, d, d)[block]
+            some[turned] = some[turned].transpose(0, 2, 1)
+            for part, mine, first, count in (
+                (own, row < size, 0, size),
+                (link, row >= size, size, len(rows)),
+            ):
+                columns = np.zeros((size, d, count, d))
+                columns[column[mine], :, row[mine] - first] = some[mine]
+                part.append(columns.reshape(size * d, count * d).T)
+        order = places.order
+        self._rows = (order[:, None] * d + np.arange(d)).ravel()
+        self._factor = FrontFactor(fronts.of_rows(np.full(len(order), d)), own, link)
+        weak = self._factor.weak
+        self.weak = None if weak is None else int(self._rows[weak])
+
+    @property
+    def pivots(self) -> np.ndarray:
+        """Diagonal (images, d) of L."""
+        return self._back(self._factor.pivots).reshape(-1, self._d)
+
+    def half(self, right: np.ndarray) -> np.ndarray:
+        """L^-1 right for right (n, k), in the order of elimination."""
+        return self._factor.half(np.ascontiguousarray(right[self._rows]))
+
+    def other_half(self, half: np.ndarray) -> np.ndarray:
+        """L'^-1 half for half (n, k), which is in the order of elimination."""
+        return self._back(self._factor.other_half(np.array(half, order="C")))
+
+    def inverse(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """(L L')^-1 + left right' at the places of the storage."""
+        d, places = self._d, self._places
+        left, right = (one.reshape(-1, d, one.shape[1]) for one in (left, right))
+        out = np.empty((len(places.later), d, d))
+        for n, own, link in self._factor.inverse():
+            block, row, column, turned = places.blocks[n]
+            columns = np.concatenate([own, link]).reshape(-1, d, len(own) // d, d)
+            some = columns[row, :, column].transpose(0, 2, 1)
+            some[turned] = some[turned].transpose(0, 2, 1)
+            i, j = places.earlier[block], places.later[block]
+            out[block] = some + right[i] @ left[j].transpose(0, 2, 1)
+        return out.ravel()
+
+    def _back(self, rows: np.ndarray) -> np.ndarray:
+        out = np.empty_like(rows)
+        out[self._rows] = rows
+        return out
 
 
 def _refuse_weak(pivots: np.ndarray, reference: np.ndarray) -> None:
