@@ -77,9 +77,9 @@ def test_the_factor_of_the_last_step_is_that_of_the_equations_at_the_result(
 ):
     """Within a millionth: the step was shorter than 1e-6 of a standard deviation."""
     # A matrix that served two steps is made anew for the result.
-    monkeypatch.setattr(
-        importlib.import_module("corridor.core.adjustment.solving"), "REUSE_STEP", 0.0
-    )
+    module = importlib.import_module("corridor.core.adjustment.solving")
+    monkeypatch.setattr(module, "REUSE_SQUARES", (0.0, 0.0))
+    monkeypatch.setattr(module, "REUSE_ROBUST", (0.0, 0.0))
     start = (0.3, 0.003, 0.3)
     block = corridor_block(48, 3, observations_per_image=60, control=4, start_error=start)
     block = add_noise(block, tie_px=0.5, mark_px=0.5, gnss_m=(0.02, 0.02, 0.04), seed=2)
@@ -115,7 +115,7 @@ def test_a_robust_loss_that_creeps_keeps_its_matrix_and_ends_where_new_ones_lead
     monkeypatch.setattr(Normal, "assemble", counted)
     found = solve(Normal(problem, Loss.parse("cauchy:1")), 100)
     kept = matrices.count(False) / len(matrices)
-    monkeypatch.setattr(importlib.import_module(solve.__module__), "REUSE_ROBUST", 0.0)
+    monkeypatch.setattr(importlib.import_module(solve.__module__), "REUSE_ROBUST", (0.0, 0.0))
     anew = solve(Normal(problem, Loss.parse("cauchy:1")), 100)
     assert found.converged and anew.converged
     assert kept > 0.25
