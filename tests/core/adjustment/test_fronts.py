@@ -55,7 +55,7 @@ def test_every_later_image_is_its_parents_own_or_met_by_it(side):
         assert not len(later) or np.isin(later, [*here, *fronts.later[parent]]).all()
 
 
-@pytest.mark.parametrize("columns", [1, 7])
+@pytest.mark.parametrize("columns", [0, 1, 7])
 def test_solutions_are_those_of_the_dense_matrix(made, columns):
     _, factor, dense = made
     right = np.random.default_rng(5).normal(size=(len(dense), columns))
