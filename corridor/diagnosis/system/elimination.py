@@ -231,7 +231,8 @@ def _ordered(
     images = int(owner.max()) + 1
     one, other = owner[static.row], owner[static.col]
     inner = (one >= 0) & (other >= 0)
-    met = np.unique(np.minimum(one, other)[inner] * images + np.maximum(one, other)[inner])
+    each = np.arange(images) * (images + 1)
+    met = np.union1d(each, np.minimum(one, other)[inner] * images + np.maximum(one, other)[inner])
     owner = owner.copy()
     at = np.flatnonzero(linked) + first
     one, other = owner[at], owner[at + 1]
