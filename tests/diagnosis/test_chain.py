@@ -4,32 +4,43 @@ import numpy as np
 import pytest
 from scipy.sparse import csc_array, csr_array
 
+from corridor.core.adjustment import fronts
+from corridor.diagnosis.system import chain as chain_module
 from corridor.diagnosis.system.chain import Chain, blocks_of
 
 IMAGES, OWN, REACH, BORDER = 120, 3, 17, 4
 
 
-def chained(seed=0):
-    """Symmetric (n, n), images meeting the next two and a border; ends of the blocks,
-    and of what each meets."""
+def chained(branches=False, seed=0):
+    """Symmetric (n, n), images meeting the next ones and a border; blocks of their rows."""
     rng = np.random.default_rng(seed)
     n = IMAGES * OWN
     image = np.repeat(np.arange(IMAGES), OWN)
     near = np.abs(np.subtract.outer(image, image)) <= REACH
+    if branches:
+        # Six strips, of which the images meet those of their own.
+        near &= np.subtract.outer(image, image) % 6 == 0
     A = np.zeros((n + BORDER,) * 2)
     A[:n, :n] = np.where(near, rng.standard_normal((n, n)), 0.0)
     A[n:, :n] = 0.3 * rng.standard_normal((BORDER, n))
     A = A + A.T
     A[np.diag_indices_from(A)] = np.abs(A).sum(axis=1) + 0.1
-    ends, reach = blocks_of(np.minimum(np.arange(IMAGES) + REACH, IMAGES - 1))
-    return A, ends * OWN, reach * OWN
+    one, other = np.nonzero(np.triu(near[::OWN, ::OWN]))
+    order, blocks = blocks_of(one, other, np.full(IMAGES, OWN))
+    rows = np.append((order[:, None] * OWN + np.arange(OWN)).ravel(), n + np.arange(BORDER))
+    return A[rows][:, rows], blocks
 
 
-@pytest.fixture(scope="module")
-def chain():
-    A, ends, reach = chained()
-    assert len(ends) > 5
-    return A, Chain.of(csc_array(A), ends, reach, BORDER)
+@pytest.fixture(scope="module", params=[False, True], ids=["corridor", "branches"])
+def chain(request):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(chain_module, "_QUICK", 0.0 if request.param else np.inf)
+        # Of so few images it would not be worth while.
+        patch.setattr(fronts, "_FRONT", 0.0)
+        A, blocks = chained(request.param)
+    assert (np.diff(blocks.parent)[:-1] != 1).any() == request.param
+    assert len(blocks) > 5
+    return A, Chain.of(csc_array(A), blocks, BORDER)
 
 
 def test_solutions_are_those_of_the_dense_matrix(chain):
@@ -61,18 +72,24 @@ def test_the_inverse_within_the_pattern_is_that_of_the_dense_matrix(chain):
 
 
 def test_a_matrix_that_is_none_of_a_variance_is_refused():
-    A, ends, reach = chained()
+    A, blocks = chained()
     A[7, 7] = -1.0
     with pytest.raises(np.linalg.LinAlgError):
-        Chain.of(csc_array(A), ends, reach, BORDER)
+        Chain.of(csc_array(A), blocks, BORDER)
 
 
 def test_blocks_reach_as_far_as_any_image_until_there():
     """Reach of 20, then of 1: the window follows, and never falls back."""
-    reach = np.minimum(np.arange(200) + np.where(np.arange(200) < 100, 20, 1), 199)
-    ends, behind = blocks_of(reach)
+    near = np.arange(200)
+    reach = np.minimum(near + np.where(near < 100, 20, 1), 199)
+    order, blocks = blocks_of(near, reach, np.ones(200, dtype=int))
+    ends, later = blocks.ends, blocks.later
+    behind = np.array(
+        [rows[-1] + 1 if len(rows) else end for end, rows in zip(ends, later, strict=True)]
+    )
+    assert np.array_equal(order, near)
     assert ends[-1] == behind[-1] == 200 and (np.diff(ends) > 0).all()
     assert (np.diff(behind) >= 0).all() and (behind >= ends).all()
-    block = np.searchsorted(ends, np.arange(200), side="right")
+    block = np.searchsorted(ends, near, side="right")
     assert (reach < behind[block]).all()
     assert (behind - ends).max() == 20 and (behind - ends)[-3:].max() <= 1

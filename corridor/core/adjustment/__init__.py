@@ -13,6 +13,13 @@ from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.datum import QUANTITIES, open_motions
 from corridor.core.adjustment.design import Design, Sets
 from corridor.core.adjustment.distances import END
+from corridor.core.adjustment.fronts import (
+    FrontFactor,
+    Fronts,
+    inverse_of,
+    least_fill,
+    solved,
+)
 from corridor.core.adjustment.left_out import adjustable_part
 from corridor.core.adjustment.linear_system import Columns, ImageRows, LinearSystem
 from corridor.core.adjustment.matrix import Singular

@@ -209,10 +209,10 @@ def refit(
     """
     run = replace(run, strict=True)
 
-    def once(part: Block, model: Model) -> Adjustment:
+    def once(part: Block, model: Model, near: bool = True) -> Adjustment:
         return _once(part, model, run, near=near, refitted=True)
 
-    found = once(block, model)
+    found = once(block, model, near)
     return with_motion_as_seen(found, once) if motion and not model.motion else found
 
 

@@ -4,16 +4,20 @@
     [ E' D ] [ds] = [h]
 
 B belongs to the images (d unknowns each), D to what they share. B is a band along the corridor
-(LAPACK lower band storage, Cholesky) or, where the band would cost more, a sparse matrix.
+(LAPACK lower band storage, Cholesky) or, where the band would cost more, blocks of those images
+that share points, with a Cholesky factor of fronts.
 """
 
+from __future__ import annotations
+
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.sparse import bsr_array, csc_array
-from scipy.sparse.linalg import SuperLU, splu
 
+from corridor.core.adjustment.fronts import FrontFactor, least_fill
 from corridor.core.engine.interface import Engine, Factor
 from corridor.core.engine.scene import Storage
 
@@ -138,9 +142,7 @@ class Band(Blocks):
         self.holds = self.engine.factor(self.flat, self.ld, self.n)
         if self.holds.weak is not None:
             raise Singular(*divmod(self.holds.weak, self.d))
-        weak = self.flat[self._diagonal()] ** 2 < SINGULAR * reference
-        if weak.any():
-            raise Singular(*(int(v) for v in np.argwhere(weak)[0]))
+        _refuse_weak(self.flat[self._diagonal()], reference)
         return self.holds
 
     def inverse(self, left: np.ndarray, right: np.ndarray) -> Storage:
@@ -151,7 +153,7 @@ class Band(Blocks):
 
 
 class Sparse(Blocks):
-    """B as sparse blocks, factorised by SuperLU. For blocks that are not corridors."""
+    """B as sparse blocks, factorised front by front. For blocks that are not corridors."""
 
     def __init__(self, images: int, d: int, ptr: np.ndarray, img: np.ndarray):
         super().__init__(images, d)
@@ -167,37 +169,117 @@ class Sparse(Blocks):
     def _pairs(self) -> tuple[np.ndarray, np.ndarray]:
         return self.neighbour, np.repeat(np.arange(self.images), np.diff(self.neighbour_start))
 
-    def factor(self, reference: np.ndarray) -> SuperLU:
+    @cached_property
+    def _places(self) -> _Places:
+        """Where the blocks go: the same for all equations that are put here."""
+        return _Places(self.neighbour_start, self.neighbour)
+
+    def factor(self, reference: np.ndarray) -> SparseFactor:
         """As of `Band`."""
-        try:
-            self.holds = splu(
-                self.symmetric(),
-                permc_spec="MMD_AT_PLUS_A",
-                diag_pivot_thresh=0.0,
-                options={"SymmetricMode": True},
-            )
-        except RuntimeError:
-            raise Singular(0, 0) from None
-        pivots = self.holds.U.diagonal()
-        original = np.empty(self.n)
-        original[self.holds.perm_c] = np.arange(self.n)
-        original = original.astype(int)
-        weak = pivots < SINGULAR * reference.ravel()[original]
-        if weak.any():
-            raise Singular(*divmod(int(original[np.flatnonzero(weak)[0]]), self.d))
+        self.holds = SparseFactor(self._places, self.flat, self.d)
+        if self.holds.weak is not None:
+            raise Singular(*divmod(self.holds.weak, self.d))
+        _refuse_weak(self.holds.pivots, reference)
         return self.holds
 
     def inverse(self, left: np.ndarray, right: np.ndarray) -> Storage:
         """As of `Band`, with room of its own."""
-        d, out = self.d, np.empty_like(self.flat)
-        for i in range(self.images):
-            unit = np.zeros((self.n, d), order="F")
-            unit[i * d : (i + 1) * d] = np.eye(d)
-            column = self.holds.solve(unit) + left @ right[i * d : (i + 1) * d].T
-            start, stop = self.neighbour_start[i : i + 2]
-            rows = self.neighbour[start:stop, None] * d + np.arange(d)
-            out[start * d * d : stop * d * d] = column[rows].transpose(0, 2, 1).ravel()
-        return self.storage._replace(flat=out)
+        return self.storage._replace(flat=self.holds.inverse(left, right))
+
+
+class _Places:
+    """Where the blocks of a storage lie in fronts.
+
+    order (m,): images as they are eliminated. earlier, later (k,): images of each block. Of each
+    front blocks: those that belong there, their rows and columns among its images, and whether the
+    storage has them the other way round.
+    """
+
+    def __init__(self, start: np.ndarray, neighbour: np.ndarray):
+        images = len(start) - 1
+        self.later, self.earlier = neighbour, np.repeat(np.arange(images), np.diff(start))
+        self.order, self.fronts = least_fill(self.later, self.earlier, images)
+        place = np.argsort(self.order)
+        one, other = place[self.later], place[self.earlier]
+        first = np.searchsorted(self.fronts.ends, np.minimum(one, other), side="right")
+        sort = np.argsort(first, kind="stable")
+        blocks = np.split(sort, np.searchsorted(first[sort], np.arange(1, len(self.fronts))))
+        self.blocks = [
+            (
+                mine,
+                self.fronts.within(n, np.maximum(one[mine], other[mine])),
+                self.fronts.within(n, np.minimum(one[mine], other[mine])),
+                one[mine] < other[mine],
+            )
+            for n, mine in enumerate(blocks)
+        ]
+
+
+class SparseFactor:
+    """L of the blocks of a storage, as `Factor`. weak: the first row that is not positive."""
+
+    def __init__(self, places: _Places, flat: np.ndarray, d: int):
+        """flat: the blocks, which are left as they are."""
+        self._places, self._d = places, d
+        fronts = places.fronts
+        own: list[np.ndarray] = []
+        link: list[np.ndarray] = []
+        for (block, row, column, turned), rows, size in zip(
+            places.blocks, fronts.later, fronts.ends - fronts.starts, strict=True
+        ):
+            some = flat.reshape(-1, d, d)[block]
+            some[turned] = some[turned].transpose(0, 2, 1)
+            for part, mine, first, count in (
+                (own, row < size, 0, size),
+                (link, row >= size, size, len(rows)),
+            ):
+                columns = np.zeros((size, d, count, d))
+                columns[column[mine], :, row[mine] - first] = some[mine]
+                part.append(columns.reshape(size * d, count * d).T)
+        order = places.order
+        self._rows = (order[:, None] * d + np.arange(d)).ravel()
+        self._factor = FrontFactor(fronts.of_rows(np.full(len(order), d)), own, link)
+        weak = self._factor.weak
+        self.weak = None if weak is None else int(self._rows[weak])
+
+    @property
+    def pivots(self) -> np.ndarray:
+        """Diagonal (images, d) of L."""
+        return self._back(self._factor.pivots).reshape(-1, self._d)
+
+    def half(self, right: np.ndarray) -> np.ndarray:
+        """L^-1 right for right (n, k), in the order of elimination."""
+        return self._factor.half(np.ascontiguousarray(right[self._rows]))
+
+    def other_half(self, half: np.ndarray) -> np.ndarray:
+        """L'^-1 half for half (n, k), which is in the order of elimination."""
+        return self._back(self._factor.other_half(np.array(half, order="C")))
+
+    def inverse(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """(L L')^-1 + left right' at the places of the storage."""
+        d, places = self._d, self._places
+        left, right = (one.reshape(-1, d, one.shape[1]) for one in (left, right))
+        out = np.empty((len(places.later), d, d))
+        for n, own, link in self._factor.inverse():
+            block, row, column, turned = places.blocks[n]
+            columns = np.concatenate([own, link]).reshape(-1, d, len(own) // d, d)
+            some = columns[row, :, column].transpose(0, 2, 1)
+            some[turned] = some[turned].transpose(0, 2, 1)
+            i, j = places.earlier[block], places.later[block]
+            out[block] = some + right[i] @ left[j].transpose(0, 2, 1)
+        return out.ravel()
+
+    def _back(self, rows: np.ndarray) -> np.ndarray:
+        out = np.empty_like(rows)
+        out[self._rows] = rows
+        return out
+
+
+def _refuse_weak(pivots: np.ndarray, reference: np.ndarray) -> None:
+    """Raises Singular where the diagonal (images, d) of a factor is rounding beside `reference`."""
+    weak = pivots**2 < SINGULAR * reference
+    if weak.any():
+        raise Singular(*(int(v) for v in np.argwhere(weak)[0]))
 
 
 def neighbours(images: int, ptr: np.ndarray, img: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -223,12 +305,9 @@ class Bordered:
         """
         self.blocks, self.q = blocks, block.shape[0]
         self._made = blocks.factor(reference)
-        # E, and L^-1 E of a band, else B^-1 E.
-        self._cross, self._solved = cross, np.zeros((blocks.n, 0))
-        if self.q:
-            self._solved = self._half(cross)
-        left = self._solved if isinstance(blocks, Band) else cross
-        schur = np.tril(block) - np.tril(left.T @ self._solved)
+        # L^-1 E: products need no more.
+        self._solved = self._factor.half(cross) if self.q else np.zeros((blocks.n, 0))
+        schur = np.tril(block) - np.tril(self._solved.T @ self._solved)
         self.shared_factor = _cholesky(schur, shared_reference)
 
     @property
@@ -239,24 +318,15 @@ class Bordered:
             )
         return self._made
 
-    def _half(self, right: np.ndarray) -> np.ndarray:
-        """L^-1 right of a band: products need no more; else B^-1 right."""
-        if isinstance(self.blocks, Band):
-            return self._factor.half(right)
-        return self._factor.solve(np.asfortranarray(right))
-
     def across(self) -> np.ndarray:
         """B^-1 E (n, q)."""
-        banded = isinstance(self.blocks, Band)
-        return self._factor.other_half(self._solved) if banded else self._solved
+        return self._factor.other_half(self._solved)
 
     def solve(self, right: np.ndarray, shared: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solution for right (n, k) and shared (q, k)."""
-        half, banded = self._half(right), isinstance(self.blocks, Band)
-        left = self._solved if banded else self._cross
-        ds = self._shared_solution(shared - left.T @ half)
-        half = half - self._solved @ ds
-        return (self._factor.other_half(half) if banded else half), ds
+        half = self._factor.half(right)
+        ds = self._shared_solution(shared - self._solved.T @ half)
+        return self._factor.other_half(half - self._solved @ ds), ds
 
     def inverse(self, left: np.ndarray, right: np.ndarray) -> Storage:
         """B^-1 + left right' where the equations have entries; of a band in the factor's place."""

@@ -414,7 +414,8 @@ def with_motion_as_seen(result: Adjustment, again: Again) -> Adjustment:
         if all(abs(np.log(a / b)) < _SAME for a, b in zip(now, before, strict=True)):
             return result
         start = result.start
-        result = again(result.block, replace(model, motion=now))
+        left, values = result.as_left(p.stack.members)
+        result = again(left, replace(model.starting(values), motion=now))
         result.start = start
     result.add_note(
         f"The size of the errors of the velocities did not settle in {_MOTION_ROUNDS} rounds "

@@ -6,43 +6,40 @@
 
 Images of a corridor meet their neighbours only: each block of some images meets the rows behind it
 as far as any image until there reaches. `adjustment.matrix` has them as a band, for few right
-sides; here there are hundreds, and blocks are work for BLAS.
+sides; here there are hundreds, and blocks are work for BLAS. Of an area, whose images meet others
+far away, the chain branches (see `adjustment.fronts`).
 Source: Golub and Van Loan 2013, "Matrix Computations", section 4.3.5 (band Cholesky, by blocks).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.blas import dsyrk, dtrsm
-from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.sparse import coo_array, csc_array, csr_array
+
+from corridor.core.adjustment import FrontFactor, Fronts, inverse_of, least_fill, solved
 
 # Images of a block: smaller ones are work for Python and not for BLAS.
 _FEWEST = 12
+# Products that a chain may take, a tenth of a second, before it is asked whether to branch.
+_QUICK = 2e9
 
 
 class Inverse(NamedTuple):
     """Inverse of a chain within its pattern.
 
-    starts, ends: rows of each block. own: of each block, link: of the rows behind it that it meets
-    with it, both as long as the border stays where it is; follows (n, border): what the inner rows
-    do less about a border that moves; edge (border, border): of the border.
+    layout: of the chain. own: of each block, link: of the rows behind it that it meets with it,
+    both as long as the border stays where it is; follows (n, border): what the inner rows do less
+    about a border that moves; edge (border, border): of the border.
     """
 
-    starts: np.ndarray
-    ends: np.ndarray
+    layout: Layout
     own: list[np.ndarray]
     link: list[np.ndarray]
     follows: np.ndarray
     edge: np.ndarray
-
-    def block_of(self, rows: np.ndarray) -> np.ndarray:
-        """Number of the block of inner rows."""
-        return np.searchsorted(self.ends, rows, side="right")
 
     def diagonal(self) -> np.ndarray:
         """Diagonal (n + border,)."""
@@ -56,18 +53,17 @@ class Inverse(NamedTuple):
         Of others what they owe to the border alone.
         """
         inner = len(self.follows)
-        rows = [self._moved(each) for each in (one, other)]
+        layout, rows = self.layout, [self._moved(each) for each in (one, other)]
         out = ((rows[0] @ self.edge) * rows[1]).sum(axis=1)
         low, high = np.minimum(one, other), np.maximum(one, other)
         both = np.flatnonzero(high < inner)
-        first, second = self.block_of(low[both]), self.block_of(high[both])
+        first, second = layout.block_of(low[both]), layout.block_of(high[both])
         for k in np.unique(first):
-            start = self.starts[k]
+            start, later = layout.starts[k], layout.fronts.later[k]
             mine = both[(first == k) & (second == k)]
             out[mine] += self.own[k][low[mine] - start, high[mine] - start]
-            met = high[both] < self.ends[k] + len(self.link[k])
-            mine = both[(first == k) & (second > k) & met]
-            out[mine] += self.link[k][high[mine] - self.ends[k], low[mine] - start]
+            mine = both[(first == k) & np.isin(high[both], later)]
+            out[mine] += self.link[k][np.searchsorted(later, high[mine]), low[mine] - start]
         return out
 
     def _moved(self, rows: np.ndarray) -> np.ndarray:
@@ -86,10 +82,10 @@ class Inverse(NamedTuple):
         moved = rows[:, inner:].toarray() - inside @ self.follows
         out = ((moved @ self.edge) * moved).sum(axis=1)
         touched = np.flatnonzero(np.diff(inside.indptr))
-        block = self.block_of(inside.indices[inside.indptr[touched]])
+        block = self.layout.block_of(inside.indices[inside.indptr[touched]])
         for k in np.unique(block):
             mine = touched[block == k]
-            part = inside[mine][:, self.starts[k] : self.ends[k]].toarray()
+            part = inside[mine][:, self.layout.starts[k] : self.layout.ends[k]].toarray()
             out[mine] += np.einsum("ij,ij->i", part @ self.own[k], part)
         return out
 
@@ -102,21 +98,27 @@ class Layout:
     in the border's corner.
     """
 
-    def __init__(self, ends: np.ndarray, reach: np.ndarray, border: int):
-        """ends: rows behind the last of each block; reach: behind the last that it meets. The last
-        `border` rows are the border.
-        """
-        self.ends, self.border = np.asarray(ends, dtype=np.int64), border
-        self.reach = np.asarray(reach, dtype=np.int64)
+    def __init__(self, fronts: Fronts, border: int):
+        """fronts: the blocks. The last `border` rows are the border."""
+        self.fronts, self.border = fronts, border
+        self.starts, self.ends = fronts.starts, fronts.ends
         self.inner = int(self.ends[-1]) if len(self.ends) else 0
         self.n = self.inner + border
-        self.starts = np.concatenate([[0], self.ends[:-1]]).astype(np.int64)
-        self.size = np.diff(self.ends, prepend=0)
-        self.after = self.reach - self.ends
+        self.size = self.ends - self.starts
+        self.after = np.array([len(rows) for rows in fronts.later], dtype=np.int64)
+        # Of each block its later rows, as numbers that rise from block to block.
+        self._met = np.concatenate(
+            [self.starts[:0], *(k * self.n + rows for k, rows in enumerate(fronts.later))]
+        )
+        self._begin = np.cumsum(self.after) - self.after
         self.first = np.concatenate([[0], np.cumsum(self.size * (self.size + self.after))])
         self._edge = int(self.first[-1])
         self._corner = self._edge + self.inner * border
         self.length = self._corner + border * border
+
+    def block_of(self, rows: np.ndarray) -> np.ndarray:
+        """Number of the block of inner rows."""
+        return np.searchsorted(self.ends, rows, side="right")
 
     def places(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
         """Places (k,) of the entries of pairs of rows, in the lower triangle."""
@@ -126,11 +128,12 @@ class Layout:
         out[outer] = self._edge + low[outer] * self.border + high[outer] - self.inner
         inside = np.flatnonzero(high < self.inner)
         low, high = low[inside], high[inside]
-        block = np.searchsorted(self.ends, low, side="right")
+        block = self.block_of(low)
         column, size = low - self.starts[block], self.size[block]
         within = high < self.ends[block]
         own = column * size + high - self.starts[block]
-        link = size * size + column * self.after[block] + high - self.ends[block]
+        behind = np.searchsorted(self._met, block * self.n + high) - self._begin[block]
+        link = size * size + column * self.after[block] + behind
         out[inside] = self.first[block] + np.where(within, own, link)
         return out
 
@@ -155,33 +158,20 @@ class Chain:
 
     def __init__(self, layout: Layout, values: np.ndarray):
         """values: of the lower triangle, at the layout's places; they are overwritten."""
-        self.n, self.border = layout.n, layout.border
-        self.starts, self.ends, self.reach = layout.starts, layout.ends, layout.reach
-        self._own, self._next, edge, corner = layout.views(values)
-        # What the blocks before do to the rows behind them (s, s), its lower triangle.
-        done = np.zeros((0, 0))
-        for own, link in zip(self._own, self._next, strict=True):
-            size, ahead = min(len(own), len(done)), max(len(done) - len(own), 0)
-            own[:size, :size] += done[:size, :size]
-            if ahead:
-                link[:ahead] += done[size:, :size]
-            _factored(own)
-            if link.size:
-                dtrsm(1.0, own, link, side=1, lower=1, trans_a=1, overwrite_b=1)
-            behind = np.zeros((len(link), len(link)), order="F")
-            behind[:ahead, :ahead] = done[size:, size:]
-            done = behind
-            if link.size:
-                done = dsyrk(-1.0, link, beta=1.0, c=behind, lower=1, overwrite_c=1)
-        self._edge, self._inside = self._forward(edge), corner
+        self.layout, self.n, self.border = layout, layout.n, layout.border
+        own, link, edge, corner = layout.views(values)
+        self._inner = FrontFactor(layout.fronts, own, link)
+        if self._inner.weak is not None:
+            raise np.linalg.LinAlgError("the matrix is not positive definite")
+        self._edge, self._inside = self._inner.half(edge), corner
         if self.border:
             corner -= self._edge.T @ self._edge
-            _factored(corner)
+            corner[:] = np.linalg.cholesky(corner)
 
     @classmethod
-    def of(cls, matrix: csc_array, ends: np.ndarray, reach: np.ndarray, border: int) -> Chain:
-        """Factor of a sparse matrix in the blocks of `Layout(ends, reach, border)`."""
-        layout, matrix = Layout(ends, reach, border), coo_array(matrix)
+    def of(cls, matrix: csc_array, fronts: Fronts, border: int) -> Chain:
+        """Factor of a sparse matrix in the blocks of `Layout(fronts, border)`."""
+        layout, matrix = Layout(fronts, border), coo_array(matrix)
         lower = matrix.row >= matrix.col
         values = np.zeros(layout.length)
         at = layout.places(matrix.row[lower].astype(np.int64), matrix.col[lower].astype(np.int64))
@@ -192,10 +182,10 @@ class Chain:
         """L^-1 right (n, k) for right (n, k)."""
         inner = self.n - self.border
         out = np.array(right, dtype=float, order="C")
-        rows = self._forward(out[:inner])
+        rows = self._inner.half(out[:inner])
         if self.border:
             out[inner:] -= self._edge.T @ rows
-            out[inner:] = _solved(self._inside, out[inner:])
+            out[inner:] = solved(self._inside, out[inner:])
         return out
 
     def other_half(self, half: np.ndarray) -> np.ndarray:
@@ -203,9 +193,9 @@ class Chain:
         inner = self.n - self.border
         out = np.array(half, dtype=float, order="C")
         if self.border:
-            out[inner:] = _solved(self._inside, out[inner:], turned=True)
+            out[inner:] = solved(self._inside, out[inner:], turned=True)
             out[:inner] -= self._edge @ out[inner:]
-        self._backward(out[:inner])
+        self._inner.other_half(out[:inner])
         return out
 
     def solve(self, right: np.ndarray) -> np.ndarray:
@@ -215,87 +205,38 @@ class Chain:
     @property
     def logdet(self) -> float:
         """Logarithm of the determinant."""
-        parts = [*self._own, self._inside] if self.border else self._own
-        return 2.0 * float(sum(np.log(one.diagonal()).sum() for one in parts))
+        corner = self._inside.diagonal() if self.border else []
+        return 2.0 * float(np.log(self._inner.pivots).sum() + np.log(corner).sum())
 
     def inverse(self) -> Inverse:
-        """The inverse where the matrix has blocks: of each, with what it meets, and the border.
-
-        Source: Takahashi, Fagan and Chin 1973 (inverse within the pattern of the factor).
-        """
-        own: list[np.ndarray] = []
-        link: list[np.ndarray] = []
-        # Of the rows from the start of the block behind on, as far as that one meets them.
-        whole = np.zeros((0, 0))
-        for factor, behind in zip(reversed(self._own), reversed(self._next), strict=True):
-            size, met = len(factor), len(behind)
-            mine = _inverse_of(factor)
-            both = np.zeros((met, size))
-            if met:
-                across = dtrsm(1.0, factor, behind, side=1, lower=1)
-                both = -(whole[:met, :met] @ across)
-                mine -= across.T @ both
-            of_block = np.empty((size + met, size + met))
-            of_block[:size, :size], of_block[size:, :size] = mine, both
-            of_block[:size, size:], of_block[size:, size:] = both.T, whole[:met, :met]
-            whole = of_block
-            own.append(mine)
-            link.append(both)
-        edge = _inverse_of(self._inside) if self.border else np.zeros((0, 0))
-        return Inverse(self.starts, self.ends, own[::-1], link[::-1], self._follows, edge)
+        """The inverse where the matrix has blocks: of each, with what it meets, and the border."""
+        own, link = ([np.zeros((0, 0))] * len(self.layout.fronts) for _ in range(2))
+        for k, mine, both in self._inner.inverse():
+            own[k], link[k] = mine, both
+        edge = inverse_of(self._inside) if self.border else np.zeros((0, 0))
+        return Inverse(self.layout, own, link, self._follows, edge)
 
     @cached_property
     def _follows(self) -> np.ndarray:
         """What the inner rows (n, border) do about a border that moves."""
-        return self._backward(self._edge.copy())
-
-    def _forward(self, right: np.ndarray) -> np.ndarray:
-        """In place."""
-        if not right.size:
-            return right
-        for k, start, end, reach in self._blocks():
-            right[start:end] = _solved(self._own[k], right[start:end])
-            right[end:reach] -= self._next[k] @ right[start:end]
-        return right
-
-    def _blocks(self) -> Iterator[tuple[int, int, int, int]]:
-        rows = (self.starts.tolist(), self.ends.tolist(), self.reach.tolist())
-        return zip(range(len(self.ends)), *rows, strict=True)
-
-    def _backward(self, half: np.ndarray) -> np.ndarray:
-        """In place."""
-        if not half.size:
-            return half
-        for k, start, end, reach in reversed(list(self._blocks())):
-            half[start:end] -= self._next[k].T @ half[end:reach]
-            half[start:end] = _solved(self._own[k], half[start:end], turned=True)
-        return half
+        return self._inner.other_half(self._edge.copy())
 
 
-def _factored(matrix: np.ndarray) -> None:
-    """Cholesky factor of a matrix (n, n), columns first, of its lower triangle, in its place."""
-    _, info = dpotrf(matrix, lower=1, clean=1, overwrite_a=1)
-    if info:
-        raise np.linalg.LinAlgError("the matrix is not positive definite")
+def blocks_of(one: np.ndarray, other: np.ndarray, count: np.ndarray) -> tuple[np.ndarray, Fronts]:
+    """Images (m,) in the order of a chain, and the blocks of their rows; of an area it branches.
 
-
-def _solved(factor: np.ndarray, right: np.ndarray, turned: bool = False) -> np.ndarray:
-    """L^-1 right, or L'^-1 right, for right (n, k) whose rows come first."""
-    return dtrsm(1.0, factor, right.T, side=1, lower=1, trans_a=0 if turned else 1).T
-
-
-def _inverse_of(factor: np.ndarray) -> np.ndarray:
-    """Inverse (n, n) of the matrix that a factor is of."""
-    out, _ = dpotri(factor, lower=1)
-    return np.tril(out) + np.tril(out, -1).T
-
-
-def blocks_of(reach: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Images behind the last of each block of a chain, and behind the last that each meets.
-
-    reach (m,): the last image that each meets.
+    one, other: pairs of images that hang together; count (m,): rows of each image.
     """
-    count = len(reach)
-    farthest = np.maximum.accumulate(np.maximum(reach, np.arange(count)))
-    ends = np.append(np.arange(_FEWEST, count, _FEWEST), [count] * bool(count)).astype(np.int64)
-    return ends, np.maximum(farthest[ends - 1] + 1, ends)
+    images = len(count)
+    reach = np.arange(images)
+    np.maximum.at(reach, np.minimum(one, other), np.maximum(one, other))
+    reach = np.maximum.accumulate(reach)
+    ends = np.append(np.arange(_FEWEST, images, _FEWEST), images)
+    ahead = [np.arange(end, max(int(reach[end - 1]) + 1, end)) for end in ends.tolist()]
+    chain = Fronts(ends, ahead).of_rows(count)
+    if chain.products > _QUICK:
+        order, tree = least_fill(one, other, images)
+        tree = tree.of_rows(count[order])
+        if tree.products < 0.5 * chain.products:
+            return order, tree
+    return np.arange(images), chain

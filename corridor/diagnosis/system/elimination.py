@@ -38,7 +38,7 @@ from scipy.sparse import (
     vstack,
 )
 
-from corridor.core.adjustment import LinearSystem
+from corridor.core.adjustment import Fronts, LinearSystem
 from corridor.diagnosis.noise.gnss import GnssNoise
 from corridor.diagnosis.system.chain import Chain, Layout, blocks_of
 from corridor.diagnosis.system.equations import Equations
@@ -227,27 +227,27 @@ def _ordered(
     which meets the next where they are `linked`. free: a block that nothing holds is one block.
     """
     if free or not (owner >= 0).any():
-        return np.arange(len(owner)), Layout([len(owner)], [len(owner)], 0)
-    reach = np.arange(int(owner.max()) + 1)
+        return np.arange(len(owner)), Layout(Fronts([len(owner)], [np.zeros(0, int)]), 0)
+    images = int(owner.max()) + 1
     one, other = owner[static.row], owner[static.col]
     inner = (one >= 0) & (other >= 0)
-    one, other = one[inner], other[inner]
-    np.maximum.at(reach, np.minimum(one, other), np.maximum(one, other))
+    each = np.arange(images) * (images + 1)
+    met = np.union1d(each, np.minimum(one, other)[inner] * images + np.maximum(one, other)[inner])
     owner = owner.copy()
     at = np.flatnonzero(linked) + first
     one, other = owner[at], owner[at + 1]
     span = np.abs(other - one)
-    jumps = np.flatnonzero(span > int((reach - np.arange(len(reach))).max()))
+    jumps = np.flatnonzero(span > (met % images - met // images).max())
     if len(jumps) > _MOST_JUMPS:
         jumps = jumps[np.argsort(-span[jumps], kind="stable")[:_MOST_JUMPS]]
     far = at[jumps] + 1
     near = ~(np.isin(at, far) | np.isin(at + 1, far))
-    np.maximum.at(reach, np.minimum(one, other)[near], np.maximum(one, other)[near])
+    both = np.minimum(one, other)[near] * images + np.maximum(one, other)[near]
+    one, other = np.divmod(np.union1d(met, both), images)
     owner[far] = -1
-    order = np.argsort(np.where(owner < 0, len(reach), owner), kind="stable")
-    count = np.concatenate([[0], np.cumsum(np.bincount(owner[owner >= 0], minlength=len(reach)))])
-    ends, behind = blocks_of(reach)
-    return order, Layout(count[ends], count[behind], int((owner < 0).sum()))
+    order, fronts = blocks_of(one, other, np.bincount(owner[owner >= 0], minlength=images))
+    rank = np.append(np.argsort(order), images)
+    return np.argsort(rank[owner], kind="stable"), Layout(fronts, int((owner < 0).sum()))
 
 
 def too_wide(system: LinearSystem, own: int) -> bool:
@@ -328,7 +328,7 @@ class Elimination:
         unit = self.unit[self._order]
         own, link, edge, corner = p.layout.views(values)
         for k, (start, end) in enumerate(zip(p.layout.starts, p.layout.ends, strict=True)):
-            mine, after = unit[start:end], unit[end : end + p.layout.after[k]]
+            mine, after = unit[start:end], unit[p.layout.fronts.later[k]]
             own[k] *= mine
             own[k] *= mine[:, None]
             link[k] *= mine

@@ -3,12 +3,14 @@
 The blocks are made row by row, with a projection of their own (benchmarks/flown.py).
 """
 
+import importlib
+
 import numpy as np
 import pytest
 
 import corridor
 from benchmarks.flown import READOUT, flown
-from corridor.core.adjustment import make_problem
+from corridor.core.adjustment import Model, Run, make_problem, refit
 from corridor.core.effects import VELOCITY_SIGMA
 
 
@@ -50,3 +52,24 @@ def test_errors_of_velocities_stand_in_no_table(tmp_path):
     found = readout(flown(tmp_path, 3))[2]
     assert set(found.effects["slug"]) == {"rolling_shutter"}
     assert len(found.problem.beside) == 2
+
+
+def test_a_refit_with_another_size_of_these_errors_begins_where_the_last_one_ended(
+    tmp_path, monkeypatch
+):
+    """Robust from the first step on: poses, points and the readout are there."""
+    module = importlib.import_module("corridor.core.adjustment.adjusting")
+    solved, solve = [], module.solve
+
+    def kept(*args, **how):
+        solved.append(solve(*args, **how))
+        return solved[-1]
+
+    monkeypatch.setattr(module, "solve", kept)
+    block = corridor.prepare(flown(tmp_path, 1)).block
+    model = Model(camera="f,cx,cy,k1", effects=["rolling_shutter"], loss="cauchy:2")
+    found = refit(block, model, Run())
+    first, *rounds = solved
+    assert rounds and found.converged
+    assert all(one.iterations < first.iterations for one in rounds)
+    assert all(one.history[0]["cost"] < 1.2 * found.cost for one in rounds)
