@@ -135,12 +135,13 @@ def _check_output(options: argparse.Namespace) -> None:
     mark = getattr(sys.modules[options.run.__module__], "MARK", None)
     if mark is not None:
         check_folder(output, mark)
-        given = [each for name, each in vars(options).items() if name != "output"]
-        every = [path for each in given for path in (each if isinstance(each, list) else [each])]
-        if any(isinstance(path, Path) and path.resolve() == output.resolve() for path in every):
-            raise InputError(
-                f"{output} is what is read, and would be replaced; name another folder with -o"
-            )
+    given = [each for name, each in vars(options).items() if name != "output"]
+    every = [path for each in given for path in (each if isinstance(each, list) else [each])]
+    if any(isinstance(path, Path) and path.resolve() == Path(output).resolve() for path in every):
+        what = "folder" if Path(output).is_dir() else "file"
+        raise InputError(
+            f"{output} is what is read, and would be replaced; name another {what} with -o"
+        )
 
 
 @contextmanager
