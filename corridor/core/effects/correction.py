@@ -63,7 +63,7 @@ def correct(
 
 
 def refuse_milliseconds(block: Block, given: Mapping) -> None:
-    """InputError for times that are plainly milliseconds: a hundred times what the effect may be."""
+    """Refuse times that are plainly milliseconds: a hundred times what an effect may be."""
     for slug, plain in given.items():
         for parameter in effect_of(slug).parameters(block) if isinstance(plain, Mapping) else ():
             value = plain.get(parameter.name)

@@ -27,8 +27,9 @@ class Metadata:
     sigma: east, north, up, m. flag: DJI's quality. yaw, pitch, roll: degrees of the gimbal or the
     camera, as written: the yaw of some gimbals counts from the airframe's, `flight_yaw`, which
     counts from north. serial: of the body. temperature_c and what it is of. velocity: east, north,
-    up, m/s, and what says so. apart_m: horizontally, from EXIF's position to XMP's. gyro: samples us, x, y, z (rad/s, axes of the maker). line_ns: time
-    of a row as the header says. tags: every XMP entry as text.
+    up, m/s, and what says so. apart_m: horizontally, from EXIF's position to
+    XMP's. gyro: samples us, x, y, z (rad/s, axes of the maker). line_ns: time of a row as the
+    header says. tags: every XMP entry as text.
     """
 
     path: Path
