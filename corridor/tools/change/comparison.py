@@ -211,6 +211,13 @@ def check_names(names: np.ndarray, shift: np.ndarray, sigma: np.ndarray, largest
     """
     away = np.linalg.norm(shift, axis=1)
     wrong = away > np.maximum(largest, 6.0 * np.linalg.norm(sigma, axis=1))
+    common = np.median(shift, axis=0)
+    if len(shift) > 2 and wrong.all() and np.linalg.norm(shift - common, axis=1).max() < largest:
+        raise InputError(
+            "all {} common points lie ({:+.1f}, {:+.1f}, {:+.1f}) m apart in the two epochs: bring "
+            "both into one system of coordinates and of heights (ellipsoid, geoid), with offset in "
+            "block.toml".format(len(shift), *common)
+        )
     if wrong.any():
         k = int(np.argmax(np.where(wrong, away, 0.0)))
         more = f" ({wrong.sum() - 1} more so)" if wrong.sum() > 1 else ""
