@@ -75,9 +75,9 @@ _NO_COMMON_CONTROL = (
     "measure control that stands still at both dates."
 )
 _ANEW = (
-    "Control {} has other coordinates at the second date, so it counts as surveyed anew, and the "
-    "errors of both surveys are in the standard deviations: where it is one survey, give both dates "
-    "the same coordinates."
+    "Control points have other coordinates at the second date ({}), so they count as surveyed anew "
+    "and the errors of both surveys are in the standard deviations: if it was one survey, give both "
+    "dates the same coordinates."
 )
 
 
