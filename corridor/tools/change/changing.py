@@ -76,8 +76,8 @@ _NO_COMMON_CONTROL = (
 )
 _ANEW = (
     "Control points have other coordinates at the second date ({}), so they count as surveyed anew "
-    "and the errors of both surveys are in the standard deviations: if it was one survey, give both "
-    "dates the same coordinates."
+    "and the errors of both surveys are in the standard deviations: if it was one survey, give "
+    "both dates the same coordinates."
 )
 
 
@@ -137,7 +137,9 @@ def change(
     compared, remaining, explanation = run.explained(compared)
     objections = [] if surveys is None else list(surveys.objections())
     objections += _objections(remaining or compared, run.model)
-    if not compared.joint.common_control and asked.bias is None and asked.datum == "stated":
+    # In one adjustment what stands still is common to both dates.
+    tied = compared.joint.common_control or (asked.together and run.stable)
+    if not tied and asked.bias is None and asked.datum == "stated":
         anew = [] if asked.together else control_of_both(compared.joint.epochs)
         notes.append(_ANEW.format(", ".join(anew)) if anew else _NO_COMMON_CONTROL)
     epochs = (remaining or compared).joint.epochs

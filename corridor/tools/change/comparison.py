@@ -196,6 +196,14 @@ def check_meeting(before: np.ndarray, after: np.ndarray, cores: Cores) -> None:
     """Raises InputError where the surfaces of both epochs (n, 3) lie beyond each other's reach."""
     heights = [xyz[cKDTree(xyz[:, :2]).query(cores.xyz[:, :2])[1], 2] for xyz in (before, after)]
     apart = float(np.median(np.abs(heights[1] - heights[0])))
+    beside = before[cKDTree(before[:, :2]).query(before[:, :2], 2)[1], 2]
+    steep = float(np.median(np.abs(beside[:, 1] - beside[:, 0])))
+    if apart > cores.reach and steep > cores.reach:
+        raise InputError(
+            f"the surface is steep: points beside each other in plan lie {steep:.1f} m (median) "
+            "apart in height at one date already. Of a wall compare named points (--points-only), "
+            "or give both blocks in coordinates whose z points out of it"
+        )
     if apart > cores.reach:
         raise InputError(
             f"the surfaces of both epochs lie {apart:.1f} m apart in height (median) where both "
