@@ -142,7 +142,9 @@ def read_metadata(
     told = xmp.facts_of(tags)
     for each in (facts, told):
         lat, lon = each.get("lat_deg"), each.get("lon_deg")
-        if lat is not None and (abs(lat) > 90 or abs(lon) > 180 or (lat, lon) == (0.0, 0.0)):
+        if lat is None or lon is None:
+            continue
+        if abs(lat) > 90 or abs(lon) > 180 or (lat, lon) == (0.0, 0.0):
             each |= {"lat_deg": None, "lon_deg": None, "height": None}
     if told.get("lat_deg") is not None and facts.get("lat_deg") is not None:
         facts["apart_m"] = _apart(facts, told)

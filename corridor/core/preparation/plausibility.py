@@ -101,8 +101,8 @@ def _other_spelling(block: Block) -> Iterator[str]:
     alike: dict[str, list[str]] = {}
     for name in seen - given:
         alike.setdefault(_plain(name), []).append(name)
-    pairs = [(name, alike[_plain(name)]) for name in sorted(given - seen) if _plain(name) in alike]
-    pairs = [(name, others[0]) for name, others in pairs if len(others) == 1]
+    found = [(name, alike.get(_plain(name), [])) for name in sorted(given - seen)]
+    pairs = [(name, others[0]) for name, others in found if len(others) == 1]
     if pairs:
         name, other = pairs[0]
         yield (

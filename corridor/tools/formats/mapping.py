@@ -98,7 +98,8 @@ def from_photographs(
     files, copies = _each_once(every[:: cheaply.share])
     if len(files) < _LEAST:
         raise InputError(f"{folder} holds {len(files)} photographs; a block needs {_LEAST} or more")
-    photos = [read_metadata(file) for file in files]
+    photos, smaller = _without_smaller([read_metadata(file) for file in files])
+    files = [photo.path for photo in photos]
     names = [file.relative_to(folder).as_posix() for file in files]
     place = workplace(output)
     _same_photos(place, folder, files, names, cheaply)
@@ -130,12 +131,14 @@ def from_photographs(
     for said in damaged([photo for photo, name in zip(photos, names, strict=True)
                          if name not in project.lost]):  # fmt: skip
         project = project.warned(said)
-    if copies:
-        project = project.warned(
-            f"{len(copies)} photographs are copies of others, byte by byte, and were left out "
-            f"(first: {copies[0][0].name}, of {copies[0][1].name}): they measure nothing anew"
-        )
-    if len(files) + len(copies) < len(every):
+    for what, pairs in (("copies of others, byte by byte", copies), ("others, smaller", smaller)):
+        if pairs:
+            one, other = (file.relative_to(folder).as_posix() for file in pairs[0])
+            project = project.warned(
+                f"{len(pairs)} photographs are {what}, and were left out (first: {one}, of "
+                f"{other}): they measure nothing anew"
+            )
+    if cheaply.share > 1:
         project = project.noted(f"{len(files)} of {len(every)} photographs were used")
     project = project.having(name=folder.resolve().name)
     return replace(project, form="photos", source=folder)
@@ -157,6 +160,25 @@ def _each_once(files: list[Path]) -> tuple[list[Path], list[tuple[Path, Path]]]:
         else:
             copies.append((file, first))
     return sorted(set(files) - {file for file, _ in copies}), copies
+
+
+def _without_smaller(photos: list[Metadata]) -> tuple[list[Metadata], list[tuple[Path, Path]]]:
+    """The photographs without previews of others, and the file of each preview with that of its
+    photograph: of one name, camera, time, place and shape, in another folder."""
+    largest: dict[tuple, Metadata] = {}
+    for photo in sorted(photos, key=lambda photo: -photo.width):
+        largest.setdefault(_one_exposure(photo), photo)
+    of = [largest[_one_exposure(photo)] for photo in photos]
+    kept = [photo for photo, one in zip(photos, of, strict=True) if one.width == photo.width]
+    pairs = [(p.path, one.path) for p, one in zip(photos, of, strict=True) if one.width > p.width]
+    return kept, pairs
+
+
+def _one_exposure(photo: Metadata) -> tuple:
+    stem, shape = photo.path.stem.casefold(), round(100 * photo.width / photo.height_px)
+    if photo.taken is None:
+        return (photo.path,)
+    return stem, shape, photo.make, photo.model, photo.taken, photo.lat_deg, photo.lon_deg
 
 
 class _Pace:
