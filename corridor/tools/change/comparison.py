@@ -9,11 +9,10 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from scipy.spatial import cKDTree
 
 from corridor.core.adjustment import Adjustment, gnss_of_metres, listed
-from corridor.core.block import Block
+from corridor.core.block import Block, Layout, read_columns
 from corridor.core.errors import InputError
 from corridor.tools.change.cores import Cores
 from corridor.tools.change.joint import Joint
@@ -123,11 +122,7 @@ def read_line(path: str | os.PathLike) -> np.ndarray:
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: there is no such file; give a CSV table with x and y")
-    try:
-        table = pd.read_csv(path)
-        corners = table[["x", "y"]].to_numpy(float)
-    except (KeyError, ValueError, pd.errors.ParserError):
-        raise InputError(f"{path}: no table with the columns x and y, numbers in metres") from None
+    corners = read_columns(path, Layout(("x", "y")))[["x", "y"]].to_numpy(float)
     wrong = np.flatnonzero(~np.isfinite(corners).all(axis=1))
     if len(wrong):
         raise InputError(f"{path}, row {wrong[0] + 2}: x and y have to be numbers")
