@@ -4,17 +4,16 @@ Pictures and reports take what an adjustment holds and compute nothing, so their
 tables, not its truth. Shapes and sizes are those of real blocks.
 """
 
-from collections import namedtuple
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 
+from corridor.core.adjustment.check_statistics import CheckStatistics, Parts
 from corridor.core.block import Block
 from corridor.core.camera import Camera
 from corridor.core.effects import EffectValues, Parameter, Values
 
-Three = namedtuple("Three", "xy z d3")
 FREE = ("f", "cx", "cy", "k1", "k2", "k3", "p1", "p2")
 SCALE = {"f": 2.9, "cx": 0.9, "cy": 0.8, "k1": 1.2e-4, "k2": 5e-4, "k3": 7e-4}
 
@@ -116,11 +115,12 @@ def adjustment(block, effects=(), seed=5, **changes):
         }
     )  # fmt: skip
     rows = [
-        (name, key, camera[key], SCALE.get(key, 3e-5), True)
+        (name, key, camera[key], SCALE.get(key, 3e-5), "px" if key[0] in "fc" else "", True)
         for name, camera in block.cameras.items()
         for key in FREE
     ]
-    camera = pd.DataFrame(rows, columns=["camera", "parameter", "value", "sigma", "free"])
+    named = ["camera", "parameter", "value", "sigma", "unit", "free"]
+    camera = pd.DataFrame(rows, columns=named)
     camera.loc[camera["parameter"] == "k1", "value"] = -0.049312
     columns = ["slug", "parameter", "group", "value", "sigma", "unit"]
     effects = pd.DataFrame(list(effects), columns=columns)
@@ -143,6 +143,11 @@ def adjustment(block, effects=(), seed=5, **changes):
     arms = (
         [(f, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, True) for f in block.flight_names] if len(gnss) else []
     )
+    statistics = CheckStatistics(
+        _three(np.sqrt(np.mean(difference**2, axis=0))) if len(check) else _none(),
+        _three(difference.mean(axis=0)) if len(check) else _none(),
+        _three(difference.std(axis=0, ddof=1)) if len(check) > 1 else _none(),
+    )
     made = {
         "block": block, "start": block, "required": None,
         "converged": True, "iterations": 5, "seconds": 0.31,
@@ -154,9 +159,8 @@ def adjustment(block, effects=(), seed=5, **changes):
             arms, columns=["flight", "x", "y", "z", "sx", "sy", "sz", "fixed"]
         ),
         "check_points": check_points,
-        "check_rms": _three(np.sqrt(np.mean(difference**2, axis=0))) if len(check) else _none(),
-        "check_mean": _three(difference.mean(axis=0)) if len(check) else _none(),
-        "check_std": _three(difference.std(axis=0, ddof=1)) if len(check) > 1 else _none(),
+        "check_statistics": statistics,
+        "check_rms": statistics.rms, "check_mean": statistics.mean, "check_std": statistics.std,
         "poses": poses, "points": points,
         "correlations": [
             {"a": f"camera.{name}.f", "b": b, "mean": 0.36, "std": 0.02,
@@ -208,11 +212,11 @@ def _values(frame):
 
 
 def _three(values):
-    return Three(float(np.hypot(*values[:2])), float(values[2]), float(np.linalg.norm(values)))
+    return Parts(float(np.hypot(*values[:2])), float(values[2]), float(np.linalg.norm(values)))
 
 
 def _none():
-    return Three(float("nan"), float("nan"), float("nan"))
+    return Parts(float("nan"), float("nan"), float("nan"))
 
 
 def _pixels(block, table, rng):

@@ -84,13 +84,18 @@ def rates(rows: Iterable[Mapping]) -> dict[str, dict[str, str]]:
     for size in sorted({row["images"] for row in rows}):
         mine = [row for row in rows if row["images"] == size]
         each = [row[key] for row in mine for key in ("once", "double") if key in row]
-        read = [one for one in each if "verdict" in one]
+        read, again = (
+            [row[key] for row in mine if "verdict" in row.get(key, {})]
+            for key in ("once", "double")
+        )
         both = [row["agree"] for row in mine if "agree" in row]
         out[str(size)] = {
             "blocks": str(len(mine)),
             "crashes": str(Rate.of("crash" in one for one in each)),
             "refused": str(Rate.of("refused" in one for one in each)),
             "false names": str(Rate.of(bool(false_names(one)) for one in read)),
+            # Copies err alike, and by more than so many sound observations do.
+            "false names in doubles": str(Rate.of(bool(false_names(one)) for one in again)),
             "block and double agree": str(Rate.of(both)),
             "block and double have one verdict": str(Rate.of(_same(row) for row in mine)),
             "median processor seconds": f"{_median([one['seconds'] for one in each]):.1f}",

@@ -250,8 +250,7 @@ def read_lines(path: Path) -> list[str]:
             pieces = iter(lambda: file.read(_PIECE), b"")
             data = b"".join(islice(pieces, _MOST_HELD // _PIECE + 1))
     except (OSError, EOFError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise InputError(f"{path.name} cannot be read ({reason}); correct the path") from error
+        raise missing(path, error) from error
     if len(data) > _MOST_HELD:
         raise InputError(
             f"{path.name} holds more than {_MOST_HELD / 1e6:.0f} MB of text; give the part that "
@@ -267,6 +266,14 @@ def read_lines(path: Path) -> list[str]:
     if "\0" in text:
         raise InputError(f"{path.name} is not a text file; name a track or image times as text")
     return re.split(r"\r\n|\n|\r", text.rstrip("\r\n"))
+
+
+def read_bytes(path: Path) -> bytes:
+    """What a file holds. Raises InputError where it is missing or cannot be read."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise missing(path, error) from error
 
 
 def missing(path: Path, error: Exception) -> InputError:
@@ -291,10 +298,7 @@ class Xml:
     @classmethod
     def read(cls, path: Path) -> Xml:
         """Root of an XML file. Raises InputError where it is missing, cut off or no XML."""
-        try:
-            return cls.parse(path.read_bytes(), path)
-        except OSError as error:
-            raise missing(path, error) from error
+        return cls.parse(read_bytes(path), path)
 
     @classmethod
     def parse(cls, data: bytes, path: Path) -> Xml:
@@ -391,6 +395,4 @@ class Xml:
 
 def is_number(value: object) -> TypeGuard[int | float]:
     """Whether a value of TOML or JSON is a finite number; whole ones there may have any length."""
-    return (
-        isinstance(value, (int, float)) and not isinstance(value, bool) and -1e300 < value < 1e300
-    )
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300

@@ -30,7 +30,7 @@ from corridor.diagnosis.evidence.profile_likelihood import (
     through_noise,
 )
 from corridor.diagnosis.evidence.scores import Influence, as_spread, drawn, inflation_of_scores
-from corridor.diagnosis.evidence.search import Found, search, thresholds
+from corridor.diagnosis.evidence.search import NAMING, Found, search, thresholds
 from corridor.diagnosis.noise.gnss import GnssNoise
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS, Settings
@@ -205,12 +205,15 @@ def course_of(
             except (InputError, AdjustmentFailed):
                 model, adjustment = [], first
             one = _round(course, adjustment, believed, model, threshold)
-        threshold = one.threshold
         course.rounds.append(one)
         if not number:
             rng = np.random.default_rng([asked.seed, 1])
             course.p_nothing = probability_of_nothing(one.beside_nothing, rng)
-        one.beside_nothing = None
+            if course.p_nothing >= asked.level:
+                # What all tests together do not show has to show by itself (Good 1950).
+                least = -np.log(asked.level)
+                one.threshold |= {k: max(one.threshold[k], least) for k in NAMING}
+        threshold, one.beside_nothing = one.threshold, None
         if number == SETTINGS.most_refits:
             break
         if set(one.keys) == set(model):

@@ -22,8 +22,6 @@ CORE = Path(corridor.__file__).parent / "core"
 # Module and name -> the least value.
 SIZES = {
     # rows, observations or rays that are looked at together
-    ("block.tables", "_PART"): 3,
-    ("block.checking", "_PART"): 3,
     ("block.writing", "_GROUP"): 5,
     ("adjustment.tables", "_PART"): 7,
     ("adjustment.normal", "CHUNK"): 7,

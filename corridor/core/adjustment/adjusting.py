@@ -430,16 +430,14 @@ def complete(block: Block, progress: Callable[[Progress], None] | None = None) -
 def _interim(part: Block) -> Block | None:
     """The oriented part adjusted, with k1 and k2 of lenses that are not calibrated."""
     own = {name: camera for name, camera in part.cameras.items() if not camera.calibrated}
+    priors = {
+        f"camera.{name}.{term}": (camera[term], sigma)
+        for name, camera in own.items()
+        for term, sigma in START_LENS.items()
+    }
     try:
-        model = Model(
-            camera=dict.fromkeys(own, ",".join(START_LENS)),
-            loss="huber:3",
-            priors={
-                f"camera.{name}.{term}": (camera[term], sigma)
-                for name, camera in own.items()
-                for term, sigma in START_LENS.items()
-            },
-        )
+        free = dict.fromkeys(own, ",".join(START_LENS))
+        model = Model(camera=free, loss="huber:3", priors=priors)
         return _once(part, model, Run(max_iterations=10)).block
     except (InputError, AdjustmentFailed):
         return None

@@ -44,13 +44,8 @@ def check_table(differences: np.ndarray) -> CheckStatistics:
     if len(differences) == 0:
         nothing = Parts(np.nan, np.nan, np.nan)
         return CheckStatistics(nothing, nothing, nothing)
-    values = np.column_stack(
-        [
-            np.hypot(differences[:, 0], differences[:, 1]),
-            differences[:, 2],
-            np.linalg.norm(differences, axis=1),
-        ]
-    )
+    x, y, z = differences.T
+    values = np.column_stack([np.hypot(x, y), z, np.linalg.norm(differences, axis=1)])
     rms = np.sqrt(np.mean(values**2, axis=0))
     mean = values.mean(axis=0)
     std = values.std(axis=0, ddof=1) if len(values) > 1 else np.full(3, np.nan)
@@ -63,20 +58,21 @@ class Checked:
     check_points: pd.DataFrame
 
     @cached_property
-    def _check(self) -> CheckStatistics:
+    def check_statistics(self) -> CheckStatistics:
+        """RMS, mean and STD of the check points together; see `check_table`."""
         return check_table(self.check_points[["dx", "dy", "dz"]].to_numpy(float))
 
     @property
     def check_rms(self) -> Parts:
         """RMS about zero of the check points: xy, z, d3, metres."""
-        return self._check.rms
+        return self.check_statistics.rms
 
     @property
     def check_mean(self) -> Parts:
         """Mean of the check points: xy, z, d3, metres."""
-        return self._check.mean
+        return self.check_statistics.mean
 
     @property
     def check_std(self) -> Parts:
         """Unbiased standard deviation of the check points about their mean: xy, z, d3, metres."""
-        return self._check.std
+        return self.check_statistics.std

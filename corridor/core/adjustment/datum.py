@@ -24,15 +24,8 @@ from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_vector
 from corridor.core.output import counted
 
-QUANTITIES = (
-    "position along x",
-    "position along y",
-    "height",
-    "rotation about x",
-    "rotation about y",
-    "rotation about z",
-    "scale",
-)
+_TURNS = tuple(f"rotation about {axis}" for axis in "xyz")
+QUANTITIES = ("position along x", "position along y", "height", *_TURNS, "scale")
 # Share of the information that is left when everything else adapts; rounding leaves 1e-15.
 OPEN = 1e-12
 
@@ -202,14 +195,7 @@ def helmert_onto(p: Problem, state: State, start: State) -> State:
         weight = np.ones((p.image_count, 6))
         weight[:, 3:] = typical_depth(state) ** 2
         turn = np.einsum("nij,nkj->nik", start.rotation, state.rotation)
-        small = 0.5 * np.stack(
-            [
-                turn[:, 2, 1] - turn[:, 1, 2],
-                turn[:, 0, 2] - turn[:, 2, 0],
-                turn[:, 1, 0] - turn[:, 0, 1],
-            ],
-            axis=1,
-        )
+        small = 0.5 * (turn - turn.transpose(0, 2, 1))[:, [2, 0, 1], [1, 2, 0]]
         away = np.concatenate([start.centre - state.centre, small], axis=1)
         heavy = weight.reshape(-1, 1) * poses
         step = np.linalg.lstsq(poses.T @ heavy, heavy.T @ away.ravel())[0]
@@ -228,14 +214,8 @@ def moved(state: State, step: np.ndarray) -> State:
     def place(xyz: np.ndarray) -> np.ndarray:
         return middle + step[:3] + grow * (xyz - middle) @ turn.T
 
-    return State(
-        place(state.centre),
-        state.rotation @ turn.T,
-        place(state.points),
-        state.interior,
-        state.effects,
-        state.arms,
-    )
+    centre, points = place(state.centre), place(state.points)
+    return replace(state, centre=centre, rotation=state.rotation @ turn.T, points=points)
 
 
 def scaled_by_distances(p: Problem) -> Problem:

@@ -182,19 +182,18 @@ def ground_with_ends(
     return np.concatenate([residual, of_ends]), out
 
 
-def _ends(p: Problem, state: State) -> np.ndarray:
-    """Where the ends of distances are (e, 3), m."""
-    return p.end_start - state.effects.get(ENDS, 0.0)
+def _apart(p: Problem, state: State) -> tuple[np.ndarray, np.ndarray]:
+    """From the second to the first end of each distance (k, 3), and how far (k,), m."""
+    place = p.end_start - state.effects.get(ENDS, 0.0)
+    apart = place[p.distance_ends[:, 0]] - place[p.distance_ends[:, 1]]
+    return apart, np.linalg.norm(apart, axis=1)
 
 
 def distance_rows(p: Problem, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Residuals (k,), measured minus modelled, m, with the derivatives (k, 6 + q) of the modelled
     and the columns (k, 6 + q) among the shared unknowns that they are by: the ends, and what
     effects of distances have."""
-    place = _ends(p, state)
-    one, other = p.distance_ends.T
-    apart = place[one] - place[other]
-    length = np.linalg.norm(apart, axis=1)
+    apart, length = _apart(p, state)
     unit = apart / np.maximum(length, 1e-300)[:, None]
     first = p.shared_count - 3 * len(p.end_names)
     columns = first + 3 * p.distance_ends[:, :, None] + np.arange(3)
@@ -244,9 +243,7 @@ def ends_at_points(p: Problem, state: State) -> State:
 def scale_of(p: Problem, state: State) -> float:
     """By how much the points are too small for the distances: the median ratio, of the longer
     half."""
-    place = _ends(p, state)
-    one, other = p.distance_ends.T
-    length = np.linalg.norm(place[one] - place[other], axis=1)
+    _, length = _apart(p, state)
     return float(np.median((p.distance_given / length)[length >= np.median(length)]))
 
 

@@ -12,12 +12,7 @@ from scipy.special import chdtri
 
 from corridor.core.adjustment.cofactors import of_antennas
 from corridor.core.adjustment.model import Model
-from corridor.core.adjustment.result import (
-    Adjustment,
-    Again,
-    from_where_it_ended,
-    where_it_leads,
-)
+from corridor.core.adjustment.result import Adjustment, Again, from_where_it_ended, where_it_leads
 from corridor.core.adjustment.variance_components import (
     CONTRADICTING_FACTOR,
     contradicting,

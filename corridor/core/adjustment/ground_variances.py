@@ -130,11 +130,8 @@ def _factor(square: np.ndarray, redundancy: np.ndarray) -> float:
     beyond = int((ratio > CONTRADICTING_FACTOR**2).sum())
     one = chdtrc(redundancy[told], CONTRADICTING_FACTOR**2 * usual).max()
     factor = float(np.sqrt(np.median(ratio)))
-    return (
-        factor
-        if factor > CONTRADICTING_FACTOR and bdtrc(beyond - 1, len(ratio), one) < RARE_CHANCE
-        else 1.0
-    )
+    rare = bdtrc(beyond - 1, len(ratio), one) < RARE_CHANCE
+    return factor if rare and factor > CONTRADICTING_FACTOR else 1.0
 
 
 def _with_marks(block: Block, factor: float) -> Block:

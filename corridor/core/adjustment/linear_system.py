@@ -419,15 +419,9 @@ class LinearSystem:
         at = p.image_count * p.d + columns
         jacobian = _sparse(by[:, None], at, n)
         names = np.array(p.images.distance_names, dtype=object)[p.distance_rows]
-        return Rows(
-            names,
-            p.distance_given[:, None],
-            residual[:, None],
-            p.distance_weight[:, None] ** -0.5,
-            jacobian,
-            np.full(len(at), -1),
-            np.ones((len(at), 1, 1)),
-        )
+        given, sigma = p.distance_given[:, None], p.distance_weight[:, None] ** -0.5
+        image, turn = np.full(len(at), -1), np.ones((len(at), 1, 1))
+        return Rows(names, given, residual[:, None], sigma, jacobian, image, turn)
 
     @cached_property
     def posed(self) -> Rows:
@@ -704,18 +698,14 @@ class LinearSystem:
 
         Exact where the measurements miss the state by what is linear. Raises Singular.
         """
-        change = self.solve(self.right[:, None])[:, 0]
-        return self._stepped(self._substitution, change)
+        return self.following(self.solve(self.right[:, None])[:, 0])
 
     def following(self, change: np.ndarray) -> State:
         """The state after a change (n,) of the columns, each point where it then fits best."""
-        return self._stepped(self._substitution, change)
-
-    def _stepped(self, normal: Normal, change: np.ndarray) -> State:
         p = self.problem
         poses, shared = np.split(change[: self._of_problem], [p.image_count * p.d])
         poses = poses.reshape(-1, p.d)
-        points, *_ = normal.substitute(self.state, 0.0, poses, shared)
+        points, *_ = self._substitution.substitute(self.state, 0.0, poses, shared)
         return moved_state(p, self.state, poses, shared, points)
 
 

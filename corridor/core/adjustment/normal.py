@@ -8,7 +8,7 @@ import numpy as np
 
 from corridor.core.adjustment.distances import add_distances, ground_with_ends
 from corridor.core.adjustment.matrix import Band, Bordered, Sparse
-from corridor.core.adjustment.measured_poses import antenna, pose_rows, residuals
+from corridor.core.adjustment.measured_poses import pose_rows, residuals
 from corridor.core.adjustment.model import Loss
 from corridor.core.adjustment.partition import Pieces
 from corridor.core.adjustment.problem import POSE_KINDS, Problem, State
@@ -447,9 +447,8 @@ class Normal:
             self.shared_block[np.diag_indices(q)] += damping * self.shared_reference
         if len(self.held):
             pinned = np.zeros((m, p.d))
-            pinned[self.held[:, 0], self.held[:, 1]] = self.reference[
-                self.held[:, 0], self.held[:, 1]
-            ]
+            image, number = self.held.T
+            pinned[image, number] = self.reference[image, number]
             self.blocks.add_diagonal(pinned)
 
     def _with_others(self, cost: float, view: View, matrix: bool | None) -> float:
@@ -465,10 +464,6 @@ class Normal:
         cost += add_distances(self, p, state, matrix)
         cost += self._add_rigs(state, matrix)
         return 0.5 * float(cost + self._add_priors(state, matrix))
-
-    def antenna(self, state: State, images: Images):
-        """Predicted antenna and its derivatives; see `measured_poses.antenna`."""
-        return antenna(self.problem, state, images)
 
     def _add_poses(self, kind: str, state: State, images: Images, matrix: bool | None) -> float:
         """Add what is measured of poses directly, `gnss` or `attitude`; twice its cost."""

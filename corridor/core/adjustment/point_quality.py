@@ -64,11 +64,6 @@ def quality(covariance: Covariance) -> pd.DataFrame:
     xx, yx, yy, zx, zy, zz = each.T
     with np.errstate(invalid="ignore", divide="ignore"):
         pairs = np.stack([yx / np.sqrt(xx * yy), zx / np.sqrt(xx * zz), zy / np.sqrt(yy * zz)])
-    return pd.DataFrame(
-        {
-            "point": p.point_index,
-            "rays": np.diff(p.ptr),
-            "angle": np.degrees(largest_angles(p, covariance.state)),
-            "correlation": np.abs(pairs).max(axis=0),
-        }
-    )
+    table = pd.DataFrame({"point": p.point_index, "rays": np.diff(p.ptr)})
+    table["angle"] = np.degrees(largest_angles(p, covariance.state))
+    return table.assign(correlation=np.abs(pairs).max(axis=0))

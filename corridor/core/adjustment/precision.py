@@ -97,10 +97,8 @@ class InDatum:
     @cached_property
     def _moved_poses(self) -> np.ndarray:
         """G of the poses (m d, t)."""
-        state = self.covariance.state
-        return motions(state, self.covariance.system.problem.d, self.middle)[
-            :, : 7 if self.scale else 6
-        ]
+        state, d = self.covariance.state, self.covariance.system.problem.d
+        return motions(state, d, self.middle)[:, : 7 if self.scale else 6]
 
     @cached_property
     def _gains(self):

@@ -17,6 +17,7 @@ from corridor.core.adjustment.parameters import Found, Parameters
 from corridor.core.adjustment.point_quality import quality
 from corridor.core.adjustment.reliability import Reliability
 from corridor.core.adjustment.solving import Solution
+from corridor.core.adjustment.unknowns import IN_PIXELS
 from corridor.core.block import POSE, Block, along_axes, covariance_of, frugal, places, turned
 from corridor.core.camera import INTERIOR
 from corridor.core.effects import Values
@@ -32,7 +33,6 @@ from corridor.core.output import with_units
 from corridor.core.preparation import FRAME
 
 HIGH_CORRELATION = 0.95
-_IN_PIXELS = ("f", "cx", "cy")
 _PART = 1 << 20  # observations that are looked at together
 _METRES = ("rms_x_m", "rms_y_m", "rms_z_m")
 _DEGREES = ("rms_roll_deg", "rms_pitch_deg", "rms_yaw_deg")
@@ -366,7 +366,7 @@ class Tables(Checked):
                 value = float(self.state.interior[c, k])
                 sigma = self._sigma_of("camera", name, (c, k))
                 if parameter in free or value != 0.0 or k < 3:
-                    unit = "px" if parameter in _IN_PIXELS else ""
+                    unit = "px" if parameter in IN_PIXELS else ""
                     rows.append((name, parameter, value, sigma, unit, parameter in free))
         columns = ["camera", "parameter", "value", "sigma", "unit", "free"]
         return pd.DataFrame(rows, columns=columns)
@@ -462,9 +462,8 @@ class Tables(Checked):
         Columns: a, b, mean, std, sigma_a, sigma_b. Source: Zhou 2019, table 5.3.
         """
         columns = ["a", "b", "mean", "std", "sigma_a", "sigma_b"]
-        return pd.DataFrame(self._pairs(), columns=columns).astype(
-            dict.fromkeys(columns[2:], float)
-        )
+        table = pd.DataFrame(self._pairs(), columns=columns)
+        return table.astype(dict.fromkeys(columns[2:], float))
 
     def _pairs(self) -> list[tuple]:
         p = self.problem
@@ -535,17 +534,9 @@ class Tables(Checked):
     def points(self) -> pd.DataFrame:
         """Adjusted points, ties and marks; sigmas are in `point_sigma`, which takes longer."""
         p = self.problem
-        x, y, z = self.state.points.T
-        frame = pd.DataFrame(
-            {
-                "point": p.point_index,
-                "x": x,
-                "y": y,
-                "z": z,
-                "rays": np.diff(p.ptr),
-                "kind": np.where(p.point_kinds, "mark", "tie"),
-            }
-        )
+        places = dict(zip("xyz", self.state.points.T, strict=True))
+        frame = pd.DataFrame({"point": p.point_index, **places, "rays": np.diff(p.ptr)})
+        frame["kind"] = np.where(p.point_kinds, "mark", "tie")
         return with_units(frame, {"m": "x y z"})
 
     @cached_property

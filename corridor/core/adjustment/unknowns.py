@@ -12,6 +12,9 @@ from corridor.core.effects import Arrays, Context, Images, Member, Stack, group_
 from corridor.core.engine.scene import PANEL
 from corridor.core.errors import InputError
 
+# Interior parameters that are lengths in the picture; the others have no unit.
+IN_PIXELS = ("f", "cx", "cy")
+
 
 @dataclass(frozen=True)
 class Unknown(ParameterId):
@@ -173,7 +176,7 @@ def _camera_columns(images: Images, free: Mapping, shared: list[Unknown]) -> np.
         for k, parameter in enumerate(INTERIOR):
             if parameter in free[name] and mine.any():
                 out[mine, k] = len(shared)
-                unit = "px" if parameter in ("f", "cx", "cy") else ""
+                unit = "px" if parameter in IN_PIXELS else ""
                 shared.append(Unknown(CAMERA, name, parameter, unit=unit, at=(c, k)))
     return out
 

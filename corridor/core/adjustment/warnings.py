@@ -417,11 +417,8 @@ def _outliers(a, missed):
         if not found or not found["outliers"]:
             continue
         share = 100.0 * found["outliers"] / found["count"]
-        gross = (
-            f"; {found['gross']} of them beyond 15 are left out of the RMS"
-            if found["gross"]
-            else ""
-        )
+        gross = f"; {found['gross']} of them beyond 15 are left out of the RMS"
+        gross = gross if found["gross"] else ""
         advice = ": a robust loss (huber:2) limits their weight" if a.system.loss.kind == 0 else ""
         yield (
             f"{found['outliers']} of {found['count']} {what} observations ({share:.1f} %) lie "
@@ -443,7 +440,7 @@ def _outliers(a, missed):
 def _insignificant(a):
     weak = a.camera[
         a.camera["free"]
-        & ~a.camera["parameter"].isin(["f", "cx", "cy"])
+        & (a.camera["unit"] == "")
         & (a.camera["value"].abs() < 2 * a.camera["sigma"])
     ]
     if len(weak):

@@ -1,14 +1,7 @@
 """The block: one flight, or several, as plain tables. Read, check, select, write, summarise."""
 
 from corridor.core.block.attitudes import level_axes
-from corridor.core.block.block import (
-    EXACT_M,
-    Block,
-    files_of,
-    is_block,
-    read,
-    with_equal_axes,
-)
+from corridor.core.block.block import EXACT_M, Block, files_of, is_block, read, with_equal_axes
 from corridor.core.block.corners import corner_rays, footprints
 from corridor.core.block.correlation import (
     RHO,

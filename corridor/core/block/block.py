@@ -248,15 +248,17 @@ class Block:
         out = np.full((len(names), 3), np.nan)
         for source in (self.points,) if table == "tie_points" else (self.points, self.ground):
             at = places(source["point"], names)
-            # Of a river's points all are asked for, or few.
-            rows = slice(None) if (at >= 0).all() else np.flatnonzero(at >= 0)
-            xyz = np.stack([source[axis].to_numpy(float)[rows] for axis in "xyz"], axis=1)
-            at, known = at[rows], np.isfinite(xyz).all(axis=1)
-            if known.all():
-                out[at] = xyz
-            else:
-                out[at[known]] = xyz[known]
+            xyz = np.stack([source[axis].to_numpy(float) for axis in "xyz"], axis=1)
+            known = (at >= 0) & np.isfinite(xyz).all(axis=1)
+            out[at[known]] = xyz[known]
         return out
+
+    def outside(self, table: str) -> np.ndarray:
+        """(n,) bool: which tie points or marks lie outside their picture."""
+        sizes = {name: (one.width, one.height) for name, one in self.cameras.items()}
+        size = np.array([sizes[name] for name in self.images["camera"]], dtype=float)
+        pixels = self.numbers(table, "x", "y")
+        return ((pixels < -0.5) | (pixels > size[self.image_rows(table)] - 0.5)).any(axis=1)
 
     @property
     def form(self) -> str:

@@ -30,7 +30,6 @@ from corridor.core.errors import InputError, some
 
 # Coordinates and offsets so large are those of a grid.
 _FAR_M = 50_000.0
-_PART = 1 << 20  # rows that are looked at together
 
 
 def check(block, observed: bool = True) -> None:
@@ -247,20 +246,11 @@ def _observations(block, table: str) -> None:
     if not len(frame):
         return
     _known_images(block, table)
-
-    def keys(first: int = 0, last: int | None = None) -> np.ndarray:
-        image = frame["image"].array
-        key = frame["point"].array.codes[first:last].astype(np.int64)
-        key *= len(image.categories)
-        key += image.codes[first:last]
-        return key
-
-    # Most files are in order, which a part of the rows after another shows.
-    parts = (keys(first, first + _PART + 1) for first in range(0, len(frame), _PART))
-    if all((key[1:] > key[:-1]).all() for key in parts):
+    image = frame["image"].array
+    key = frame["point"].array.codes.astype(np.int64) * len(image.categories) + image.codes
+    # Most files are in order; else sorting in place takes a third of the memory of a hash table.
+    if (key[1:] > key[:-1]).all():
         return
-    # Sorting in place takes a third of the memory of a hash table.
-    key = keys()
     key.sort()
     if (key[1:] == key[:-1]).any():
         _refuse_twice(block, table, ("point", "image"), "point {point!r} in image {image!r}")

@@ -18,17 +18,13 @@ def corner_rays(block: Block) -> np.ndarray:
 
     From the top left corner clockwise; NaN where the pose is not known.
     """
-    pose = block.poses
-    known = np.isfinite(pose).all(axis=1)
-    rotation = np.full((len(pose), 3, 3), np.nan)
-    rotation[known] = rotation_from_quaternion(pose[known, 3:])
     rays = {}
     for name, camera in block.cameras.items():
         right, low = camera.width - 1.0, camera.height - 1.0
         corner = np.array([[0.0, 0.0], [right, 0.0], [right, low], [0.0, low]])
         rays[name] = np.column_stack([undistort(corner, camera.interior), np.ones(4)])
     corners = np.stack([rays[name] for name in block.images["camera"].astype(str)])
-    return np.einsum("nij,nci->ncj", rotation, corners)
+    return np.einsum("nij,nci->ncj", rotation_from_quaternion(block.poses[:, 3:]), corners)
 
 
 def footprints(block: Block, level: float | np.ndarray) -> np.ndarray:

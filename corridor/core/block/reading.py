@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -78,42 +77,29 @@ def row_numbers(path: Path, count: int) -> np.ndarray:
 # --- from Arrow to pandas --------------------------------------------------------------------
 
 
-def _coded_type() -> pa.DataType:
-    return pa.dictionary(pa.int32(), pa.string())
+def _kind(name: str, layout: Layout) -> pa.DataType:
+    """What a column is read as."""
+    if name in layout.coded:
+        return pa.dictionary(pa.int32(), pa.string())
+    return pa.float64() if name in layout.numbers else pa.string()
 
 
-def _coded(pieces: Iterable[pa.ChunkedArray]) -> pd.Series:
-    """Categorical of the pieces of a dictionary-encoded column."""
-    chunks = [chunk for piece in pieces for chunk in piece.chunks]
-    different: list[pa.Array] = []
-    which = []
-    for chunk in chunks:
-        # A row group in two chunks has one dictionary, and its names are looked up once.
-        if not different or not chunk.dictionary.equals(different[-1]):
-            different.append(chunk.dictionary)
-        which.append(len(different) - 1)
-    names = pa.chunked_array(different, type=pa.string()).combine_chunks().dictionary_encode()
-    numbers = pc.fill_null(names.indices, -1).to_numpy()
-    ends = np.cumsum([len(one) for one in different])[:-1]
-    # Code -1, an empty cell, takes the last.
-    place = [np.append(one, np.int32(-1)) for one in np.split(numbers, ends)]
-    codes = np.empty(sum(map(len, chunks)), dtype=np.int32)
-    row = 0
-    for chunk, one in zip(chunks, which, strict=True):
-        into = codes[row : row + len(chunk)]
-        np.take(place[one], pc.fill_null(chunk.indices, -1), out=into, mode="wrap")
-        row += len(chunk)
-    return pd.Series(categorical(codes, pd.Index(names.dictionary.to_pandas())))
+def _to_pandas(column: pa.ChunkedArray) -> pd.Series | np.ndarray:
+    """A column of one of these kinds; unknown numbers are NaN."""
+    if pa.types.is_dictionary(column.type):
+        return _coded(column)
+    if pa.types.is_string(column.type):
+        return column.to_pandas()
+    return np.require(column.to_numpy(), requirements="W")
 
 
-def _numbers(pieces: Iterable[pa.ChunkedArray], rows: int) -> np.ndarray:
-    """float64 of the pieces of a column, NaN where it is empty."""
-    numbers, row = np.empty(rows), 0
-    for piece in pieces:
-        for chunk in piece.chunks:
-            numbers[row : row + len(chunk)] = chunk.to_numpy(zero_copy_only=False)
-            row += len(chunk)
-    return numbers
+def _coded(column: pa.ChunkedArray) -> pd.Series:
+    """Categorical of a dictionary-encoded column, of which each chunk has names of its own."""
+    column = column.unify_dictionaries()
+    parts = [pc.fill_null(chunk.indices, -1).to_numpy() for chunk in column.chunks]
+    names = column.chunk(0).dictionary.to_pandas() if parts else []
+    codes = np.concatenate([np.zeros(0, np.int32), *parts])
+    return pd.Series(categorical(codes, pd.Index(names, dtype="str")))
 
 
 # --- .csv ------------------------------------------------------------------------------------
@@ -141,10 +127,8 @@ def _read_utf8(path: Path, layout: Layout) -> pd.DataFrame:
     if pa is None:
         return _read_plainly(path, layout, names)
     numbers = [name for name in names if name in layout.numbers]
-    types = dict.fromkeys(names, pa.string())
-    types |= dict.fromkeys(layout.coded, _coded_type()) | dict.fromkeys(numbers, pa.float64())
     try:
-        arrow = _parse(path, names, passed, types)
+        arrow = _parse(path, names, passed, {name: _kind(name, layout) for name in names})
         # "nan" and "inf" are numbers to the parser, not to us.
         sound = all(pc.all(pc.is_finite(arrow[name])).as_py() is not False for name in numbers)
     except pa.ArrowInvalid:
@@ -161,12 +145,7 @@ def _read_utf8(path: Path, layout: Layout) -> pd.DataFrame:
     for name in arrow.column_names:
         column = arrow[name]
         arrow = arrow.drop_columns([name])
-        if name in layout.coded:
-            columns[name] = _coded([column])
-        elif name in layout.numbers:
-            columns[name] = _numbers([column], len(column))
-        else:
-            columns[name] = column.to_pandas()
+        columns[name] = _to_pandas(column)
     return pd.DataFrame(columns, copy=False)
 
 
@@ -398,29 +377,18 @@ def _columns(file: ParquetFile, path: Path, layout: Layout) -> dict[str, pd.Seri
             if name not in read:
                 columns[name] = file.read(columns=[name])[name].to_pandas()
                 continue
-            parts: list[Any] = [job.result() for job in read.pop(name)]
-            if name in layout.coded:
-                columns[name] = _coded(parts)
-            elif name in NAMES:
-                chunks = [chunk for part in parts for chunk in part.chunks]
-                columns[name] = pa.chunked_array(chunks, type=pa.string()).to_pandas()
-            else:
-                columns[name] = np.concatenate([np.zeros(0), *parts])
+            chunks = [chunk for job in read.pop(name) for chunk in job.result().chunks]
+            columns[name] = _to_pandas(pa.chunked_array(chunks, type=_kind(name, layout)))
     return columns
 
 
-def _part(path: Path, layout: Layout, name: str, groups: range) -> pa.ChunkedArray | np.ndarray:
-    """Some row groups of a column, one after the other."""
+def _part(path: Path, layout: Layout, name: str, groups: range) -> pa.ChunkedArray:
+    """Some row groups of a column."""
     with _opened(path, layout) as file:
-        read = (file.read_row_group(one, [name], use_threads=False)[name] for one in groups)
-        if name in layout.coded:
-            kind, pieces = _coded_type(), [_encoded(column) for column in read]
-        elif name in NAMES:
-            kind, pieces = pa.string(), [pc.cast(_plain(column), pa.string()) for column in read]
-        else:
-            rows = sum(file.metadata.row_group(one).num_rows for one in groups)
-            return _numbers((pc.cast(_plain(one), pa.float64(), safe=False) for one in read), rows)
-        return pa.chunked_array([chunk for one in pieces for chunk in one.chunks], type=kind)
+        column = file.read_row_groups(list(groups), [name], use_threads=False)[name]
+    if name in layout.coded:
+        return _encoded(column)
+    return pc.cast(_plain(column), _kind(name, layout), safe=False)
 
 
 def _encoded(column: pa.ChunkedArray) -> pa.ChunkedArray:
@@ -430,7 +398,7 @@ def _encoded(column: pa.ChunkedArray) -> pa.ChunkedArray:
             pa.DictionaryArray.from_arrays(c.indices, pc.cast(c.dictionary, pa.string()))
             for c in column.chunks
         ]
-        return pa.chunked_array(chunks, type=_coded_type())
+        return pa.chunked_array(chunks, type=pa.dictionary(pa.int32(), pa.string()))
     return pc.cast(_plain(column), pa.string()).dictionary_encode()
 
 

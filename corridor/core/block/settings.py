@@ -49,7 +49,7 @@ def read_settings(folder: Path) -> dict:
             settings[key] = value
     if "offset" in toml:
         settings["offset"] = np.array(_three(toml.pop("offset"), where("", "offset"), "offset"))
-    settings["cameras"] = _cameras(toml.pop("camera", None), where)
+    settings["cameras"] = _cameras(_table(toml.pop("camera", {}), where, "camera"), where)
     settings["sigma"] = _sigma(_table(toml.pop("sigma", {}), where, "sigma"), where)
     arms = _table(toml.pop("lever_arm", {}), where, "lever_arm")
     fixed = arms.pop("fixed", False)
@@ -111,11 +111,7 @@ def _three(value: object, where: str, key: str) -> tuple[float, float, float]:
     return x, y, z
 
 
-def _cameras(cameras: object, where: _Where) -> dict[str, Camera]:
-    if not isinstance(cameras, dict) or not cameras:
-        raise InputError(
-            f"{FILE}: there is no camera; add a table [camera.NAME] with width, height and f"
-        )
+def _cameras(cameras: dict, where: _Where) -> dict[str, Camera]:
     made = {}
     for name, table in cameras.items():
         if not isinstance(table, dict):

@@ -293,7 +293,7 @@ def _notes(block, summary: Summary) -> list[str]:
         (int((used & (rays == 0)).sum()), *point, "not measured in any image"),
         (int((used & (rays == 1)).sum()), *point, "measured in one image only"),
         (
-            _outside(block),
+            int(sum(block.outside(table).sum() for table in ("tie_points", "marks"))),
             "observation lies outside its",
             "observations lie outside their",
             "picture",
@@ -313,15 +313,3 @@ def _notes(block, summary: Summary) -> list[str]:
         else:
             notes.append("No control and no GNSS: a free network, without scale and datum.")
     return notes
-
-
-def _outside(block) -> int:
-    size = {name: (camera.width, camera.height) for name, camera in block.cameras.items()}
-    limits = np.array([size[name] for name in block.images["camera"]], dtype=float) - 0.5
-    count = 0
-    for table in ("tie_points", "marks"):
-        frame = getattr(block, table)
-        pixels = frame[["x", "y"]].to_numpy()
-        limit = limits[block.image_rows(table)]
-        count += int(((pixels < -0.5) | (pixels > limit)).any(axis=1).sum())
-    return count

@@ -26,7 +26,6 @@ ANGLES = (("roll", "pitch", "yaw"), ("omega", "phi", "kappa"))
 ANGLE_SIGMAS = ("sroll", "spitch", "syaw")
 NAMES = frozenset(("image", "camera", "flight", "strip", "point", "role", "group", "from", "to"))
 ROLES = ("control", "check", "unused")
-_PART = 1 << 20  # rows that are looked at together
 
 
 @dataclass(frozen=True)
@@ -249,29 +248,15 @@ def _coded(column: pd.Series, order: pd.Index | None) -> pd.Series:
         if (place < 0).any() and (place[codes[codes >= 0]] < 0).any():
             order = None
     if order is None:  # as they first appear, so that reading what was written changes nothing
-        if _as_they_appear(codes, len(names)):
-            return _categorical(column, codes, names)
         used = pd.unique(codes)
         used = used[used >= 0]
+        if np.array_equal(used, np.arange(len(names))):
+            return _categorical(column, codes, names)
         place = np.full(len(names), -1, dtype=np.int32)
         place[used] = np.arange(len(used))
         order = names[used]
     # The last place is that of code -1, the empty cell.
     return _categorical(column, np.append(place, np.int32(-1))[codes], order)
-
-
-def _as_they_appear(codes: np.ndarray, count: int) -> bool:
-    """Whether codes below `count` all appear, each after all lower ones."""
-    last = -1
-    for first in range(0, len(codes), _PART):
-        highest = np.maximum.accumulate(codes[first : first + _PART])
-        if highest[0] > last + 1:
-            return False
-        np.maximum(highest, last, out=highest)
-        if (np.diff(highest) > 1).any():
-            return False
-        last = int(highest[-1])
-    return last == count - 1
 
 
 def _categorical(column: pd.Series, codes: np.ndarray, names: pd.Index) -> pd.Series:

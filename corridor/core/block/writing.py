@@ -7,7 +7,6 @@ import io
 import os
 from pathlib import Path
 
-import numpy as np
 import pandas as pd
 
 from corridor.core.block.reading import opened
@@ -83,7 +82,7 @@ def _write_parquet(arrow: pa.Table, path: Path) -> None:
         for first in range(0, max(arrow.num_rows, 1), _GROUP):
             part = arrow.slice(first, _GROUP)
             columns = [
-                pa.chunked_array([_compact(c) for c in column.chunks], kind)
+                column.cast(kind.value_type).dictionary_encode()
                 if pa.types.is_dictionary(kind)
                 else column
                 for column, kind in zip(part.columns, schema.types, strict=True)
@@ -102,20 +101,6 @@ def _without_empty_chunks(arrow: pa.Table) -> pa.Table:
 
 def _narrow(kind: pa.DataType) -> pa.DataType:
     return pa.dictionary(pa.int32(), kind.value_type) if pa.types.is_dictionary(kind) else kind
-
-
-def _compact(coded: pa.DictionaryArray) -> pa.DictionaryArray:
-    """The same without the names that it does not need."""
-    codes = coded.indices.cast(pa.int32()).fill_null(-1).to_numpy()
-    high = int(codes.max(initial=-1))
-    low = max(int(codes.min(initial=max(high, 0))), 0)
-    used = np.zeros(high - low + 2, dtype=bool)
-    used[codes - low] = True
-    used[-1] = False  # where the empty cell, code -1, may have been counted
-    place = np.cumsum(used, dtype=np.int32) - 1
-    index = pa.array(place[codes - low], mask=codes < 0, type=pa.int32())
-    names = coded.dictionary.take(pa.array(np.flatnonzero(used) + low))
-    return pa.DictionaryArray.from_arrays(index, names)
 
 
 def _write_csv(arrow: pa.Table, path: Path, quoting: str) -> None:

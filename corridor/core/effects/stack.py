@@ -61,12 +61,10 @@ class Stack:
             check_place(effect)
         check_groups(effects)
         check_needs(block, effects)
-        self.members = {
-            effect.slug: Member(
-                effect, effect.parameters(block), group_names(images, effect.group, points)
-            )
-            for effect in effects
-        }
+        self.members: dict[str, Member] = {}
+        for effect in effects:
+            groups = group_names(images, effect.group, points)
+            self.members[effect.slug] = Member(effect, effect.parameters(block), groups)
 
     def start(self) -> Arrays:
         """Start values, slug -> (groups, parameters)."""

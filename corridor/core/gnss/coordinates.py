@@ -172,8 +172,6 @@ def convert(points: np.ndarray, source: str, target: str) -> np.ndarray:
         return points.copy()
     from pyproj.exceptions import ProjError
 
-    for crs in (source, target):
-        known_crs(crs)
     try:
         # A missing grid is told by the sentence below, not by PROJ's warning.
         with warnings.catch_warnings():

@@ -112,19 +112,16 @@ def numbered(actions: Sequence[str]) -> str:
 
 def page(title: str, body: Sequence[str], style: str) -> str:
     """A page of HTML that needs no other file; body: pieces of HTML, in order."""
-    return "\n".join(
-        [
-            "<!DOCTYPE html>",
-            '<html lang="en">',
-            '<head><meta charset="utf-8">',
-            '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            f"<title>{html.escape(title)}</title>",
-            f"<style>{style}</style></head>",
-            "<body>",
-            *body,
-            "</body></html>\n",
-        ]
-    )
+    content = "".join(f"{piece}\n" for piece in body)
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head><meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>{html.escape(title)}</title>
+<style>{style}</style></head>
+<body>
+{content}</body></html>
+"""
 
 
 def _figure(name: str, caption: str, png: bytes) -> str:

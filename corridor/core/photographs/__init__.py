@@ -21,22 +21,6 @@ from corridor.core.photographs.published import (
     published_readouts,
     published_table,
 )
+from corridor.core.registry import offered
 
-__all__ = [
-    "FAULTS",
-    "MOST_PIXELS",
-    "SUFFIXES",
-    "GlobalShutter",
-    "Metadata",
-    "PublishedReadout",
-    "Taken",
-    "fault",
-    "global_shutter",
-    "of_picture",
-    "open_picture",
-    "photographs_in",
-    "plain_name",
-    "published_readouts",
-    "published_table",
-    "read_metadata",
-]
+__all__ = offered(globals())

@@ -10,6 +10,7 @@ import re
 from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
+from typing import Any
 
 _TABLE, _GLOBAL = "published_readout_times.csv", "global_shutters.csv"
 # EXIF writes 1/2000 s as 0.0005, or as 0.000499.
@@ -60,13 +61,9 @@ class GlobalShutter:
 @lru_cache(maxsize=1)
 def _global_table() -> dict[str, GlobalShutter]:
     """By the names that a camera goes by."""
-    rows = [
-        GlobalShutter(
-            row["make"], row["model"], row["product"], row["picture"],
-            float(row["shortest_s"]) if row["shortest_s"] else None, row["source"],
-        )
-        for row in csv.DictReader(_lines(_GLOBAL))
-    ]  # fmt: skip
+    rows = (
+        GlobalShutter(**row | {"shortest_s": _number(row["shortest_s"])}) for row in _rows(_GLOBAL)
+    )
     return {
         plain_name(name): row
         for row in rows
@@ -83,24 +80,21 @@ def global_shutter(camera: str) -> GlobalShutter | None:
     return _global_table().get(plain_name(camera))
 
 
-def _lines(table: str) -> list[str]:
-    return (files("corridor.photographs") / table).read_text(encoding="utf-8").splitlines()
+def _rows(table: str) -> list[dict[str, Any]]:
+    text = (files("corridor.photographs") / table).read_text(encoding="utf-8")
+    return list(csv.DictReader(text.splitlines()))
+
+
+def _number(cell: str) -> float | None:
+    return float(cell) if cell else None
 
 
 @lru_cache(maxsize=1)
 def published_table() -> tuple[PublishedReadout, ...]:
     """All published readout times."""
     return tuple(
-        PublishedReadout(
-            row["make"],
-            row["model"],
-            row["mode"],
-            float(row["readout_ms"]),
-            float(row["sigma_ms"]) if row["sigma_ms"] else None,
-            row["method"],
-            row["source"],
-        )
-        for row in csv.DictReader(_lines(_TABLE))
+        PublishedReadout(**row | {key: _number(row[key]) for key in ("readout_ms", "sigma_ms")})
+        for row in _rows(_TABLE)
     )
 
 

@@ -1,10 +1,9 @@
 """How fast each camera turned: from its neighbours' attitudes."""
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from corridor.core.block import RATES, Block
-from corridor.core.geometry import rotation_from_quaternion
+from corridor.core.geometry import rotation_from_quaternion, vector_from_rotation
 from corridor.core.preparation.strips import track_runs
 from corridor.core.preparation.velocity import times
 
@@ -23,12 +22,11 @@ def rates_from_neighbours(block: Block) -> Block:
     rotation = rotation_from_quaternion(pose[:, 3:])
     rate = np.full((len(pose), 3), np.nan)
     for rows in track_runs(block, time, pose[:, :3], []):
-        for n, row in enumerate(rows):
-            before, after = rows[max(n - 1, 0)], rows[min(n + 1, len(rows) - 1)]
-            if time[after] > time[before]:
-                # Turned by m, a camera sees exp(-m) X.
-                turned = rotation[after] @ rotation[before].T
-                rate[row] = -Rotation.from_matrix(turned).as_rotvec() / (time[after] - time[before])
+        before, after = np.r_[rows[:1], rows[:-1]], np.r_[rows[1:], rows[-1:]]
+        rows, before, after = (each[time[after] > time[before]] for each in (rows, before, after))
+        # Turned by m, a camera sees exp(-m) X.
+        turned = rotation[after] @ rotation[before].transpose(0, 2, 1)
+        rate[rows] = -vector_from_rotation(turned) / (time[after] - time[before])[:, None]
     block = block.copy()
     block.put("images", RATES, rate)
     return block

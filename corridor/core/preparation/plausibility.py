@@ -13,11 +13,7 @@ import numpy as np
 from corridor.core.block import LAYOUTS, Block
 from corridor.core.camera import INTERIOR, project_rays, undistort
 from corridor.core.errors import InputError, did_you_mean
-from corridor.core.geometry import (
-    GROSS,
-    is_outlier,
-    robust_scale_of_lengths,
-)
+from corridor.core.geometry import GROSS, is_outlier, robust_scale_of_lengths
 from corridor.core.output import counted
 from corridor.core.preparation.half_turns import AsPosed, as_posed, turned_images
 from corridor.core.preparation.plausibility_of_motion import motion_warnings
@@ -121,19 +117,16 @@ def _plain(name: str) -> str:
 
 
 def _settings(block: Block) -> Iterator[str]:
-    for key, value in block.extra.items():
-        near = did_you_mean(key, _KEYS) if key not in _KEYS else ""
-        if near:
-            shown = f"[{key}]" if isinstance(value, dict) else key
-            yield f"block.toml: {shown} is not known to corridor and not used{near}."
-    for name, camera in block.cameras.items():
-        for key in camera.extra:
-            near = did_you_mean(key, _CAMERA_KEYS) if key not in _CAMERA_KEYS else ""
+    tables: list[tuple[str, dict, tuple[str, ...]]] = [("", block.extra, _KEYS)]
+    cameras = block.cameras.items()
+    tables += [(f" of [camera.{name}]", one.extra, _CAMERA_KEYS) for name, one in cameras]
+    for where, table, known in tables:
+        for key, value in table.items():
+            near = did_you_mean(key, known) if key not in known else ""
             if near:
-                yield (
-                    f"block.toml: {key} of [camera.{name}] is not known to corridor and not "
-                    f"used{near}."
-                )
+                shown = f"[{key}]" if isinstance(value, dict) else key
+                yield f"block.toml: {shown}{where} is not known to corridor and not used{near}."
+    for name, camera in cameras:
         yield from (f"block.toml, [camera.{name}]: {slip}." for slip in camera.slips)
     heights = [block.numbers(table, "z") for table in ("images", "points")]
     above, below = (z[np.isfinite(z)] for z in heights)
@@ -381,10 +374,7 @@ def _marks_of_other_pictures(block: Block) -> Iterator[str]:
     left = np.median(np.linalg.norm(measured - factor * there, axis=1))
     for words, other in (
         ("they were counted from the middle", measured + size / 2),
-        (
-            "they were counted from the middle, y upwards",
-            size / 2 + measured * [1.0, -1.0],
-        ),
+        ("they were counted from the middle, y upwards", size / 2 + measured * [1.0, -1.0]),
         ("y were counted upwards", np.column_stack([measured[:, 0], size[:, 1] - measured[:, 1]])),
         ("the pictures were turned by 180 degrees", size - measured),
         (

@@ -204,15 +204,13 @@ def paired_speeds(block: Block) -> _Pairs:
     seconds = time[next_one] - time[one]
     way, stated = centre[next_one] - centre[one], (velocity[one] + velocity[next_one]) / 2.0
     with np.errstate(divide="ignore", invalid="ignore"):
-        flown = np.linalg.norm(way, axis=1) / seconds
-        told = np.linalg.norm(velocity[one] + velocity[next_one], axis=1) / 2.0
-        along = (way * stated).sum(axis=1) / seconds / flown**2
+        way = way / seconds[:, None]
+        flown, told = (np.linalg.norm(each, axis=1) for each in (way, stated))
+        along = (way * stated).sum(axis=1) / flown**2
         # A drone that turns or stops between two images says nothing.
         good = np.isfinite(along) & (seconds > 0) & (told > 1.0)
     if good.any():
         good &= flown > 0.3 * np.median(flown[good])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        way = way / seconds[:, None]
     sigma = np.linalg.norm(np.nan_to_num(block.numbers("images", "svx", "svy", "svz")), axis=1)
     sigma = np.maximum(sigma[one], sigma[next_one])
     return _Pairs(*(each[good] for each in (flown, told, along, way, stated, sigma)))

@@ -16,5 +16,11 @@ from corridor.core.simulation.plan import (
     read_plan,
     ready_made,
 )
-from corridor.core.simulation.simulating import Simulated, perfect_block, simulate
+from corridor.core.simulation.simulating import (
+    Simulated,
+    marks_on,
+    on_the_ground,
+    perfect_block,
+    simulate,
+)
 from corridor.core.simulation.terrain import Dike

@@ -1,12 +1,13 @@
 """Flight plans: what is flown, over which ground, with what errors."""
 
+import math
 import numbers
 import os
-import sys
 import tomllib
 import types
 import typing
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cache, reduce
 from operator import add
@@ -461,19 +462,12 @@ def _plan(name: str, table: dict) -> Plan:
     tables = [*(flights if isinstance(flights, list) else [None]), own]
     if not all(isinstance(entry, dict) for entry in tables):
         raise InputError("flights are tables [[flight]], cameras tables [camera.NAME]")
-    return build(
-        Plan,
-        {"name": name}
-        | table
-        | {
-            "flights": tuple(
-                build(Flight, {"name": str(k + 1)} | f, f"flight {f.get('name', k + 1)}")
-                for k, f in enumerate(flights)
-            ),
-            "cameras": {key: Camera.from_table(key, value) for key, value in own.items()},
-        },
-        "the plan",
+    flown = tuple(
+        build(Flight, {"name": str(k)} | flight, f"flight {flight.get('name', k)}")
+        for k, flight in enumerate(flights, 1)
     )
+    cameras = {key: Camera.from_table(key, value) for key, value in own.items()}
+    return build(Plan, {"name": name} | table | {"flights": flown, "cameras": cameras}, "the plan")
 
 
 def build(kind: type, table: dict, where: str):
@@ -494,36 +488,37 @@ def build(kind: type, table: dict, where: str):
         ):
             values[key] = build(sort, value, key)
         else:
-            values[key] = _value(value, sort, f"{where}: {key}")
+            values[key] = value_of(value, sort, f"{where}: {key}")
     for one in fields(kind):
         if one.name not in values and one.default is one.default_factory is MISSING:
             raise InputError(f"{where} lacks {one.name}: add it")
     return kind(**values)
 
 
-def _value(value, sort, where: str):
+def value_of(value, sort, where: str):
     """A value of the sort that a field wants, lists as tuples."""
     if typing.get_origin(sort) in (typing.Union, types.UnionType):
         options = [s for s in typing.get_args(sort) if s is not type(None)]
         for option in options[:-1]:
             try:
-                return _value(value, option, where)
+                return value_of(value, option, where)
             except InputError:
                 pass
         if len(options) > 1 and not isinstance(value, list | tuple | np.ndarray):
             raise InputError(f"{where} = {value!r} is not a number or a list of numbers")
-        return _value(value, options[-1], where)
+        return value_of(value, options[-1], where)
     origin, inner = typing.get_origin(sort), typing.get_args(sort)
     if origin is tuple and isinstance(value, list | tuple | np.ndarray):
         if inner[-1] is Ellipsis:
             inner = (inner[0],) * len(value)
         if len(inner) == len(value):
-            return tuple(_value(v, s, where) for v, s in zip(value, inner, strict=True))
+            return tuple(value_of(v, s, where) for v, s in zip(value, inner, strict=True))
         raise InputError(f"{where} = {value} has {len(value)} values, {len(inner)} are needed")
     if sort is float and isinstance(value, numbers.Real) and not isinstance(value, bool):
         # Finite, and a whole number of TOML may have any length.
-        if abs(value) <= sys.float_info.max:  # type: ignore[operator]
-            return float(value)
+        with suppress(OverflowError):
+            if math.isfinite(value):
+                return float(value)
     elif sort in (int, bool, str) and type(value) is sort:
         return value
     elif origin is not None and issubclass(origin, Mapping) and isinstance(value, Mapping):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import numbers
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
@@ -34,6 +34,7 @@ from corridor.core.simulation.plan import (
     TiePoints,
     build,
     read_plan,
+    value_of,
 )
 from corridor.core.simulation.terrain import Dike
 from corridor.core.simulation.views import Network, Views, matched, thin
@@ -134,8 +135,7 @@ def perfect_block(
     Shapes, units and errors as `simulate`; the plan's effects, noise and start are left aside.
     """
     say = telling(progress)
-    ground = Dike(plan.terrain.relief_m, plan.terrain.level_m, seed, plan.terrain.roughness_m)
-    low, high = ground.bounds
+    low, high = ground_of(plan, seed).bounds
     images = check_plan(plan, high)
     per_image = plan.tie_points.per_image
     if images * per_image > _MOST_OBSERVATIONS:
@@ -147,11 +147,8 @@ def perfect_block(
     flown = fly(plan, seed)
     network = Network(flown, low, high, plan.tie_points.border_px)
 
-    def on_the_ground(station, across):
-        return np.column_stack([plan.axis.place(station, across), ground.height(station, across)])
-
     def look(station, across, progress=None):
-        place = on_the_ground(station, across)
+        place = on_the_ground(plan, seed, station, across)
         return _Points(station, across, place, network.look(place, progress))
 
     seen = look(
@@ -199,6 +196,26 @@ def perfect_block(
     )
     say("writing tables", 1.0, 1.0)
     return block
+
+
+def ground_of(plan: Plan, seed: int) -> Dike:
+    """The ground that a plan is flown over."""
+    terrain = plan.terrain
+    return Dike(terrain.relief_m, terrain.level_m, seed, terrain.roughness_m)
+
+
+def on_the_ground(plan: Plan, seed: int, station, across) -> np.ndarray:
+    """Positions (n, 3), metres, at stations and distances to the right of the axis (n,)."""
+    height = ground_of(plan, seed).height(station, across)
+    return np.column_stack([plan.axis.place(station, across), height])
+
+
+def marks_on(plan: Plan, seed: int, names: Sequence[str], places: np.ndarray) -> pd.DataFrame:
+    """What the images of a plan measure of ground points (n, 3), m, without any error."""
+    flown = fly(plan, seed)
+    network = Network(flown, *ground_of(plan, seed).bounds, plan.tie_points.border_px)
+    images = pd.Index(flown.table["image"], dtype="str")
+    return _observed(names, images, places, network.look(places), network)
 
 
 @dataclass
@@ -322,16 +339,7 @@ def _check_camera(start: Start) -> None:
             raise InputError(
                 f"start: camera has no parameter {key!r}: it has {', '.join(INTERIOR)}"
             )
-        _check_number(f"start: camera: {key}", value)
-
-
-def _check_number(where: str, value: object) -> None:
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, numbers.Real)
-        or not np.isfinite(float(value))
-    ):
-        raise InputError(f"{where} = {value!r} is not a number")
+        value_of(value, float, f"start: camera: {key}")
 
 
 def _constants(plan: Plan) -> dict:
@@ -357,7 +365,7 @@ def _check_effects(plan: Plan, effects: Mapping) -> None:
             raise InputError(f"effects: {slug} is a table of its parameters, not {values!r}")
         for parameter, value in values.items():
             for number in value.values() if isinstance(value, Mapping) else [value]:
-                _check_number(f"effects: {slug}: {parameter}", number)
+                value_of(number, float, f"effects: {slug}: {parameter}")
         if effect.generic:
             # How many parameters a shape has depends on the block.
             tried[slug] = {}
@@ -449,13 +457,7 @@ def _xyz(points: np.ndarray) -> dict:
 def _observed(names, images: pd.Index, points, views: Views, network: Network) -> pd.DataFrame:
     """Rows of tie_points or marks; names: of points, images: of images."""
     x, y = network.pixels(points, views).T
-    return pd.DataFrame(
-        {
-            "point": pd.Categorical.from_codes(
-                views.point, categories=pd.Index(names, dtype="str")
-            ),
-            "image": pd.Categorical.from_codes(views.image, categories=images),
-            "x": np.ascontiguousarray(x),
-            "y": np.ascontiguousarray(y),
-        }
-    )
+    point = pd.Categorical.from_codes(views.point, categories=pd.Index(names, dtype="str"))
+    image = pd.Categorical.from_codes(views.image, categories=images)
+    x, y = np.ascontiguousarray(x), np.ascontiguousarray(y)
+    return pd.DataFrame({"point": point, "image": image, "x": x, "y": y})

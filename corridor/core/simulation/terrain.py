@@ -7,18 +7,8 @@ from scipy.interpolate import PchipInterpolator
 
 # Cross-section over the relief: distance from the axis in crest heights, height in crest heights.
 # Water on the left of the axis (slope 1:2.5 to below the plain), berm on the right.
-_SECTION = np.array(
-    [
-        (-9.0, -0.25),
-        (-3.8, -0.25),
-        (-0.7, 1.0),
-        (0.7, 1.0),
-        (2.2, 0.4),
-        (3.6, 0.4),
-        (4.8, 0.0),
-        (9.0, 0.0),
-    ]
-)
+_ACROSS = (-9.0, -3.8, -0.7, 0.7, 2.2, 3.6, 4.8, 9.0)
+_UP = (-0.25, -0.25, 1.0, 1.0, 0.4, 0.4, 0.0, 0.0)
 _WAVES = 24
 
 
@@ -39,21 +29,15 @@ class Dike:
     _waves: np.ndarray = field(init=False, repr=False, compare=False)
 
     def __post_init__(self):
-        section = PchipInterpolator(*_SECTION.T)
+        section = PchipInterpolator(_ACROSS, _UP)
         rms = self.relief / 12 if self.roughness is None else self.roughness
         draw = np.random.default_rng([self.seed, 1])
         length = np.geomspace(8.0, 200.0, _WAVES)
         direction, phase = draw.uniform(0, 2 * np.pi, (2, _WAVES))
         amplitude = np.sqrt(length)
         amplitude *= np.sqrt(2) * rms / np.linalg.norm(amplitude)
-        waves = np.stack(
-            [
-                2 * np.pi / length * np.cos(direction),
-                2 * np.pi / length * np.sin(direction),
-                phase,
-                amplitude,
-            ]
-        )
+        number = 2 * np.pi / length
+        waves = np.stack([number * np.cos(direction), number * np.sin(direction), phase, amplitude])
         object.__setattr__(self, "_section", section)
         object.__setattr__(self, "_waves", waves)
 
@@ -61,7 +45,7 @@ class Dike:
     def bounds(self) -> tuple[float, float]:
         """Lowest and highest the ground can be, metres."""
         waves = np.abs(self._waves[3]).sum()
-        low, high = sorted(self.relief * np.array([_SECTION[:, 1].min(), _SECTION[:, 1].max()]))
+        low, high = sorted(self.relief * np.array([min(_UP), max(_UP)]))
         return float(self.level + low - waves), float(self.level + high + waves)
 
     def height(self, along: np.ndarray, across: np.ndarray) -> np.ndarray:
@@ -72,7 +56,7 @@ class Dike:
         along, across = np.broadcast_arrays(np.asarray(along, float), np.asarray(across, float))
         height = np.full(along.shape, float(self.level))
         if self.relief:
-            reach = _SECTION[-1, 0]
+            reach = _ACROSS[-1]
             height += self.relief * self._section(np.clip(across / self.relief, -reach, reach))
         for a, c, phase, amplitude in self._waves.T:
             if amplitude:

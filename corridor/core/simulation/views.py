@@ -164,12 +164,9 @@ def _footprints(flown: Flown, low: float, high: float) -> np.ndarray:
         # With jitter a flat ray may miss the ground: it then ends far away.
         fall = np.minimum(world[:, :, 2:], -0.05)
         centre = flown.centre[mine][:, None]
+        down = (level - centre[:, :, 2:] for level in (low, high))
         hits = np.concatenate(
-            [
-                centre[:, :, :2] + world[:, :, :2] * (level - centre[:, :, 2:]) / fall
-                for level in (low, high)
-            ],
-            axis=1,
+            [centre[:, :, :2] + world[:, :, :2] * way / fall for way in down], axis=1
         )
         if out is None:
             out = np.empty((len(flown.centre), hits.shape[1], 2))

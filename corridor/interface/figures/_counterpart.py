@@ -340,11 +340,10 @@ def _names(axes: Axes, names: Sequence[str], wide: bool) -> None:
 
 
 def _map(axes: Axes, one: Compared | None):
+    shades = {"cmap": style.SIGNED, "vmin": -DARKEST_SIGMAS, "vmax": DARKEST_SIGMAS}
     if one is None:
         axes.set_axis_off()
-        return axes.imshow(
-            np.zeros((1, 1)), cmap=style.SIGNED, vmin=-DARKEST_SIGMAS, vmax=DARKEST_SIGMAS
-        )
+        return axes.imshow(np.zeros((1, 1)), **shades)
     statistic = one.statistic
     columns, rows = statistic.shape
     grid = np.full(rows * columns, np.nan)
@@ -354,14 +353,7 @@ def _map(axes: Axes, one: Compared | None):
     first = at[0] - np.array([statistic.cells[0] % columns, statistic.cells[0] // columns]) * step
     x = first[0] + step[0] * (np.arange(columns + 1) - 0.5)
     y = first[1] + step[1] * (np.arange(rows + 1) - 0.5)
-    image = axes.pcolormesh(
-        x,
-        y,
-        grid.reshape(rows, columns),
-        cmap=style.SIGNED,
-        vmin=-DARKEST_SIGMAS,
-        vmax=DARKEST_SIGMAS,
-    )
+    image = axes.pcolormesh(x, y, grid.reshape(rows, columns), **shades)
     style.hatch_below(axes, style.cells_of(x, y), np.nan_to_num(grid))
     for cell, out in zip(statistic.cells, one.outside, strict=True):
         if out:

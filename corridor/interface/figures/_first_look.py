@@ -38,15 +38,15 @@ def first_look(block: Block, camera: str | None = None) -> Figure:
     rays = _multiplicity(block.tie_points)
     rays = rays[rays > 0]
     counts = _counts(block, len(rays))
+    camera = camera or _most_seen(block)
     if long:
         height = maps.map_height(limits, 8.5, 4.5)
         figure = style.sheet(1.15 + height + 0.95 + 2.3 + 0.55, title, counts)
         plan = maps.map_panel(figure, frame, limits, 0.8, 1.15, 8.5, height)
         top = 1.15 + height + 0.95
         _rays(style.panel(figure, 0.8, top, 3.7, 2.3), rays)
-        _coverage(figure, block, camera or _most_seen(block), 5.35, top, 3.75, 2.3)
+        _coverage(figure, block, camera, 5.35, top, 3.75, 2.3)
     else:
-        camera = camera or _most_seen(block)
         height = maps.map_height(limits, 4.7, 5.55)
         lowest = max(1.15 + height, 3.85 + _fitted(block.cameras[camera], 2.35, 2.4)[1])
         figure = style.sheet(lowest + 0.65, title, counts)
@@ -142,7 +142,7 @@ def _coverage(
     image = axes.pcolormesh(
         edges_x, edges_y, count, cmap=style.COUNTS, vmin=0, vmax=max(count.max(), 1)
     )
-    axes.set(xlim=(-0.5, size.width - 0.5), ylim=(size.height - 0.5, -0.5))
+    style.in_pixels(axes, size)
     axes.set_aspect("equal", adjustable="box")
     axes.xaxis.set_major_locator(MaxNLocator(max(2, int(wide / 0.55)), steps=[1, 2, 4, 5, 10]))
     axes.yaxis.set_major_locator(MaxNLocator(max(2, int(high / 0.45)), steps=[1, 2, 4, 5, 10]))
@@ -150,7 +150,6 @@ def _coverage(
     if len(block.cameras) > 1:
         text += f", camera {short(camera, 14)}"
     style.caption(axes, text)
-    style.label(axes, "x (px)", "y (px)")
     style.shade_bar(figure, image, left + wide + 0.12, top, high, "observations a cell", True)
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from corridor.core.output import nice, readable, short
 from corridor.interface.figures import style
@@ -126,19 +125,8 @@ class _Field:
             (known & self.real, style.DARK, 4),
         ):
             arrows(axes, x[rows], y[rows], *self.mean[:, rows], exaggeration, colour, order)
-        room_x, room_y = (
-            (PANEL_OVER_IMAGE - 1) / 2 * self.width,
-            (PANEL_OVER_IMAGE - 1) / 2 * self.height,
-        )
-        axes.set(
-            xlim=(-0.5 - room_x, self.width - 0.5 + room_x),
-            ylim=(self.height - 0.5 + room_y, -0.5 - room_y),
-        )
-        axes.add_patch(
-            Rectangle((-0.5, -0.5), self.width, self.height, fill=False, ec=style.QUIET, lw=0.6)
-        )
+        style.in_pixels(axes, self, (PANEL_OVER_IMAGE - 1) / 2, outlined=True)
         axes.set_aspect("equal", adjustable="box")
-        style.label(axes, "x (px)", "y (px)")
         return shades
 
 

@@ -173,15 +173,8 @@ def point_changes(points) -> Figure:
     shapes = np.where(points.held, "^", np.where(points.moved, "s", np.where(either, "D", "o")))
     colours = np.where(points.moved | either, style.MIDDLE, style.DARK)
     colours = np.where(points.held, style.FAINT, colours)
-    figure, panels = style.charts(
-        "displacements of named points",
-        "bars: two standard deviations",
-        [2.6],
-        3,
-        keys,
-        sharex=True,
-        sharey=True,
-    )
+    title, note = "displacements of named points", "bars: two standard deviations"
+    figure, panels = style.charts(title, note, [2.6], 3, keys, sharex=True, sharey=True)
     row = np.arange(len(names))
     for axis, axes in enumerate(panels[0]):
         d, s = 1000 * points.shift[:, axis], 1000 * points.sigma[:, axis]

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, NullLocator
 
-from corridor.core.output import counted, short
+from corridor.core.output import counted, short, times
 from corridor.interface.figures import style
 
 # Inches: a row, the names, the numbers, and above and below the rows.
@@ -77,6 +77,4 @@ def evidence_bars(
 
 
 def _number(value: float) -> str:
-    if value < LEAST:
-        return "below 1"
-    return f"{value:,.0f}" if value >= 100 else f"{value:.1f}"
+    return "below 1" if value < LEAST else times(value)

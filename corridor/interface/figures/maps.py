@@ -46,14 +46,8 @@ class MapFrame:
 
 def columns(frame: pd.DataFrame, names: tuple[str, ...] = ("x", "y")) -> np.ndarray:
     """Columns of a table as (n, k) float64, NaN where a column or a value is missing."""
-    return np.column_stack(
-        [
-            frame[name].to_numpy(dtype=float, na_value=np.nan)
-            if name in frame
-            else np.full(len(frame), np.nan)
-            for name in names
-        ]
-    )
+    known = frame.reindex(columns=list(names))
+    return known.to_numpy(dtype=float, na_value=np.nan, copy=True)
 
 
 def centres(block: Block) -> np.ndarray:
@@ -169,35 +163,32 @@ def _north_arrow(figure: Figure, frame: MapFrame, left: float, top: float) -> No
 
 def groups(block: Block) -> list[tuple[str, np.ndarray]]:
     """Rows of the images by flight, or by strip where there is one flight: (name, rows)."""
-    images = block.images
-    flights = np.asarray(block.image_flight)
     if len(block.flight_names) > 1:
-        return [
-            (f"flight {short(name, 12)}", np.flatnonzero(flights == code))
-            for code, name in enumerate(block.flight_names)
-        ]
-    if "strip" in images:
-        strip = images["strip"].astype("string").fillna("").to_numpy(dtype=object)
-        names = list(dict.fromkeys(strip))
-        if len(names) > 1:
-            return [
-                (f"strip {short(name, 12)}" if name else "no strip", np.flatnonzero(strip == name))
-                for name in names
-            ]
-    return [("images", np.arange(len(images)))]
+        kind, names = "flight", list(block.flight_names)
+        of_image = np.array(names, dtype=object)[block.image_flight]
+    else:
+        kind, of_image = "strip", _strips(block)
+        names = list(dict.fromkeys(of_image))
+    if len(names) < 2:
+        return [("images", np.arange(len(block.images)))]
+    return [
+        (f"{kind} {short(name, 12)}" if name else f"no {kind}", np.flatnonzero(of_image == name))
+        for name in names
+    ]
+
+
+def _strips(block: Block) -> np.ndarray:
+    """Name of the strip (images,) of each image, empty where none is stated."""
+    images = block.images
+    strip = images["strip"] if "strip" in images else pd.Series("", images.index)
+    return strip.astype("string").fillna("").to_numpy(dtype=object)
 
 
 def lines(block: Block) -> list[np.ndarray]:
     """Rows of the images of each strip, in the order of exposure; empty when none is stated."""
-    images = block.images
-    if "strip" not in images:
-        return []
-    flights = np.asarray(block.image_flight)
-    strip = images["strip"].astype("string").fillna("").to_numpy(dtype=object)
-    time = columns(images, ("time_s",))[:, 0]
-    order = np.argsort(np.where(np.isfinite(time), time, np.inf), kind="stable")
+    flights, strip = np.asarray(block.image_flight), _strips(block)
     found: dict[tuple, list[int]] = {}
-    for row in order:
+    for row in np.argsort(columns(block.images, ("time_s",))[:, 0], kind="stable"):
         if strip[row]:
             found.setdefault((flights[row], strip[row]), []).append(int(row))
     return [np.array(rows) for rows in found.values()]

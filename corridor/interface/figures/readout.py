@@ -44,7 +44,7 @@ def _turning(readout):
         axes = style.panel(figure, _MARGIN + k * (wide + _GAP), top, wide, tall)
         what = "straight" if k == 0 and not smeared else "bent"
         style.caption(axes, f"{short(photo.name, 40)}: {what}")
-        _photo(axes, photo.grey)
+        _photo(axes, photo)
         shown = drawing.points[drawing.used & (drawing.which == k)]
         # Not all of them: the edge is to be seen between them.
         shown = shown[:: -(-len(shown) // _MOST_SHOWN) or 1]
@@ -94,7 +94,7 @@ def _led(readout):
     style.legend(figure, 0.86, keys)
     axes = style.panel(figure, _MARGIN, top, wide, tall)
     style.caption(axes, short(photo.name, 40))
-    _photo(axes, photo.grey, pale=False)
+    _photo(axes, photo, pale=False)
     left = _MARGIN + wide + _GAP + 0.15
     right = style.WIDTH - left - 0.25
     signal, model = 100 * drawing.signal, 100 * drawing.model
@@ -115,15 +115,10 @@ def _led(readout):
     return figure
 
 
-def _photo(axes: Axes, grey, pale=True):
+def _photo(axes: Axes, photo, pale=True):
     """The photograph; pale where something is drawn over it that dark parts would hide."""
-    import cv2  # a twentieth of a second, for other pictures too
-
-    height, width = grey.shape
-    factor = max(1.0, max(height, width) / _LONG)
-    small = cv2.resize(
-        grey, (round(width / factor), round(height / factor)), interpolation=cv2.INTER_AREA
-    )
+    height, width = photo.grey.shape
+    small, _ = photo.shrunk(_LONG)
     edge = (-0.5, width - 0.5, height - 0.5, -0.5)
     darkest = -255 if pale else 0
     axes.imshow(small, cmap="gray", vmin=darkest, vmax=255, extent=edge, interpolation="bilinear")

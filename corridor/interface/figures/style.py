@@ -18,6 +18,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from corridor.core.output import png, short
@@ -190,6 +191,21 @@ def label(axes: Axes, x: str | None = None, y: str | None = None) -> None:
         axes.set_ylabel(y, size=TEXT, color=INK, labelpad=4)
 
 
+def in_pixels(axes: Axes, picture, room: float = 0.0, outlined: bool = False) -> None:
+    """Axes over a picture (width, height), from edge to edge and a share of it more on each side.
+
+    outlined: with a line around the picture.
+    """
+    wide, high = picture.width, picture.height
+    axes.set(
+        xlim=(-0.5 - room * wide, wide - 0.5 + room * wide),
+        ylim=(high - 0.5 + room * high, -0.5 - room * high),
+    )
+    label(axes, "x (px)", "y (px)")
+    if outlined:
+        axes.add_patch(Rectangle((-0.5, -0.5), wide, high, fill=False, ec=QUIET, lw=0.6))
+
+
 def open_frame(axes: Axes) -> None:
     """Only the left and lower edge of a panel: for curves and bars, not for maps."""
     axes.spines["top"].set_visible(False)
@@ -276,25 +292,16 @@ def name_points(axes: Axes, xy: np.ndarray, names: Sequence[str], keep_clear=Non
     for point, mark, name in zip(xy, marks, names, strict=True):
         others = closed[np.hypot(*(closed - mark).T) > 1e-6]
         for dx, dy in _PLACES:
-            text = axes.annotate(
-                short(name, 18),
-                point,
-                (dx, dy),
-                textcoords="offset points",
-                size=SMALL,
-                color=INK,
-                ha=("center", "left", "right")[int(np.sign(dx))],
-                va=("center", "bottom", "top")[int(np.sign(dy))],
-                parse_math=False,
-                zorder=9,
-            )
+            beside = ("center", "left", "right")[int(np.sign(dx))]
+            above = ("center", "bottom", "top")[int(np.sign(dy))]
+            look = {"size": SMALL, "color": INK, "ha": beside, "va": above, "zorder": 9}
+            place = {"xytext": (dx, dy), "textcoords": "offset points"}
+            text = axes.annotate(short(name, 18), point, **place, **look, parse_math=False)
             box = text.get_window_extent(renderer).padded(1.5)
             wide = box.padded(4.0)
             free = (
-                inside.x0 <= box.x0
-                and box.x1 <= inside.x1
-                and inside.y0 <= box.y0
-                and box.y1 <= inside.y1
+                (inside.min <= box.min).all()
+                and (box.max <= inside.max).all()
                 and not any(box.overlaps(other) for other in taken)
                 and not ((others > wide.p0) & (others < wide.p1)).all(axis=1).any()
             )

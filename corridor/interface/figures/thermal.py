@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 
 from corridor.core.output import nice, readable, short
 from corridor.interface.figures import style
@@ -86,14 +85,10 @@ def thermal_parameters(fit: Fit) -> Figure:
     )
     if model.lag_s is not None:
         note += f" \u00b7 the optics lag {model.lag_s:.0f} s"
+    states = (("warming", ~table["cooling"]), ("cooling", table["cooling"]))
     parts = [
         (name, of, style.dot(marker, colour, 3.5, style.INK, 0.2))
-        for name, of, (colour, marker) in zip(
-            ("warming", "cooling"),
-            (~table["cooling"], table["cooling"]),
-            style.SERIES,
-            strict=False,
-        )
+        for (name, of), (colour, marker) in zip(states, style.SERIES, strict=False)
     ]
     optics = {"color": style.INK, "lw": 1.2}
     thermometer = {"color": style.MIDDLE, "lw": 1.0, "ls": "--"}
@@ -141,15 +136,8 @@ def camera_difference(difference: CameraDifference, title: str = "Two cameras") 
     axes = style.panel(figure, _LEFT, 1.2, wide, tall)
     x, y = np.unique(difference.x), np.unique(difference.y)
     shape = len(y), len(x)
-    image = axes.pcolormesh(
-        x,
-        y,
-        difference.length.reshape(shape),
-        cmap=_PALE,
-        vmin=0,
-        vmax=max(difference.largest, 1e-12),
-        shading="nearest",
-    )
+    norm, length = Normalize(0, max(difference.largest, 1e-12)), difference.length.reshape(shape)
+    image = axes.pcolormesh(x, y, length, cmap=_PALE, norm=norm, shading="nearest")
     step = max(1, len(x) // 14)
     pick = np.zeros(shape, bool)
     pick[step // 2 :: step, step // 2 :: step] = True
@@ -229,9 +217,7 @@ def _vectors(figure, axes, maps, picture, left, top, wide):
 
 
 def _frame(axes, picture, first):
-    axes.set(xlim=(-0.5, picture.width - 0.5), ylim=(picture.height - 0.5, -0.5))
-    axes.add_patch(
-        Rectangle((-0.5, -0.5), picture.width, picture.height, fill=False, ec=style.QUIET, lw=0.6)
-    )
-    style.label(axes, "x (px)", "y (px)" if first else None)
+    style.in_pixels(axes, picture, outlined=True)
+    if not first:
+        axes.set_ylabel("")
     axes.tick_params(labelleft=first)  # beside it stand the same rows, or a scale

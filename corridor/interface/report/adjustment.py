@@ -58,7 +58,6 @@ CAPTIONS = {
 
 _KINDS = {"tie": "tie points", "mark": "marks", "gnss": "GNSS", "control": "control",
           "attitude": "attitudes"}  # fmt: skip
-_UNITS = {"f": "px", "cx": "px", "cy": "px"}
 _DIFFERENCES, _SIGMAS = ["dx", "dy", "dz"], ["s_dx", "s_dy", "s_dz"]
 _STRONG = 0.95
 _MOST_GROUPS_SHOWN = 8  # of one effect parameter
@@ -155,11 +154,7 @@ def adjustment_dict(adjustment: Adjustment) -> dict[str, Any]:
     """
     check = {
         name: {"xy": found.xy, "z": found.z, "3d": found.d3}
-        for name, found in (
-            ("rms", adjustment.check_rms),
-            ("mean", adjustment.check_mean),
-            ("std", adjustment.check_std),
-        )
+        for name, found in adjustment.check_statistics._asdict().items()
     }
     camera: dict[str, dict] = {}
     for row in adjustment.camera.itertuples(index=False):
@@ -494,8 +489,7 @@ def _camera(adjustment: Adjustment) -> Table:
         if row.sigma <= 0 and row.value == 0:
             continue  # a coefficient this camera does not have
         name = (short(row.camera),) if several else ()
-        unit = _UNITS.get(row.parameter, "")
-        rows.append((*name, row.parameter, *rounded(row.value, row.sigma), unit))
+        rows.append((*name, row.parameter, *rounded(row.value, row.sigma), row.unit))
     doubtful = [
         f"{short(camera)} {parameter}" if several else parameter
         for camera, parameter in _doubtful(adjustment)
@@ -516,7 +510,7 @@ def _doubtful(adjustment: Adjustment) -> list[tuple[str, str]]:
     return [
         (row.camera, row.parameter)
         for row in adjustment.camera.itertuples(index=False)
-        if row.parameter not in _UNITS and row.sigma > 0 and abs(row.value) < 2 * row.sigma
+        if not row.unit and row.sigma > 0 and abs(row.value) < 2 * row.sigma
     ]
 
 
@@ -621,14 +615,9 @@ def _check_statistics(adjustment: Adjustment) -> Table | None:
     if not count:
         return None
     digits = _mm_digits(1e3 * adjustment.check_points[_DIFFERENCES].to_numpy(float))
-    statistics = {
-        "RMS": adjustment.check_rms,
-        "mean": adjustment.check_mean,
-        "STD": adjustment.check_std,
-    }
     rows = tuple(
-        (name, *(fixed(1e3 * value, digits) for value in (found.xy, found.z, found.d3)))
-        for name, found in statistics.items()
+        (name, *(fixed(1e3 * value, digits) for value in found))
+        for name, found in zip(("RMS", "mean", "STD"), adjustment.check_statistics, strict=True)
     )
     title = f"{counted(count, 'check point')} together" if count > 1 else "The check point"
     note = "mm; RMS about zero, STD about the mean"

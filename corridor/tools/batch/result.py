@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -34,16 +34,8 @@ _MEANING = {
 _RMS = ("check_rms_xy_m", "check_rms_z_m", "check_rms_3d_m")
 _MOST_LINES = 20  # of a terminal
 _COLUMNS = [
-    "block",
-    "verdict",
-    "found",
-    "images",
-    "sigma0",
-    "check_points",
-    *_RMS,
-    "attention",
-    "seconds",
-    "folder",
+    *("block", "verdict", "found", "images", "sigma0", "check_points"),
+    *(*_RMS, "attention", "seconds", "folder"),
 ]
 
 
@@ -67,7 +59,7 @@ class BatchResult:
     @property
     def table(self) -> pd.DataFrame:
         """A row a block: RMS in metres; report: its page, from the folder of the batch."""
-        frame = pd.DataFrame([row.to_json() for row in self.rows])[_COLUMNS]
+        frame = pd.DataFrame(list(self.rows))[_COLUMNS]
         return frame.assign(report=[_address(row) for row in self.rows])
 
     def __repr__(self) -> str:
@@ -100,7 +92,7 @@ class BatchResult:
             write_csv(self.table, table)
             page.write_text(self.report().page(), encoding="utf-8", newline="\n")
             content = {"verb": self.verb, "required": self.required}
-            write_json(content | {"rows": [row.to_json() for row in self.rows]}, mark)
+            write_json(content | {"rows": [asdict(row) for row in self.rows]}, mark)
         return list(paths)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -92,12 +91,8 @@ class Row:
 
     @classmethod
     def of_json(cls, content: dict[str, Any]) -> Row:
-        """A row as `to_json` has it. Raises TypeError where keys are not those of a row."""
+        """A row as JSON has it. Raises TypeError where keys are not those of a row."""
         return cls(**{key: math.nan if value is None else value for key, value in content.items()})
-
-    def to_json(self) -> dict[str, Any]:
-        """Its numbers by name; one that is unknown is NaN."""
-        return dataclasses.asdict(self)
 
     @property
     def failed(self) -> bool:

@@ -11,7 +11,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -113,7 +113,7 @@ class Task:
     def keep(self, row: Row) -> None:
         """Keeps a row for the next time."""
         with whole_file(self._beside("json")) as part:
-            write_json({"of": self.mark, "row": row.to_json()}, part)
+            write_json({"of": self.mark, "row": asdict(row)}, part)
 
     def forget(self) -> None:
         """Removes what a worker left that was interrupted or killed."""

@@ -105,9 +105,7 @@ class CheckPoints:
         table, block = adjustment.check_points, adjustment.problem.block
         ground = block.ground
         at = pd.Index(ground["point"].astype(str)).get_indexer(table["point"].astype(str))
-        stated = np.ones(len(at), dtype=bool)
-        for axis in ("sx", "sy", "sz"):
-            stated &= np.isfinite(block.column("ground", axis)[at])
+        stated = np.isfinite(block.numbers("ground", "sx", "sy", "sz")[at]).all(axis=1)
         cover: list[bool | None] = [None] * len(at)
         if "vegetated" in ground:
             words = ground["vegetated"].astype("string").fillna("").str.strip().str.lower()

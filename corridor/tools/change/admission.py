@@ -87,7 +87,7 @@ class Coordinates:
 
     names, control (k,): whether a point is control at one of them. sigma (k, 3), m: of both
     surveys. differ (k,): beyond what these allow, by itself or as all do; or at all where most
-    are the same.
+    are the same. together: whether all of them are shifted, turned or scaled as one.
     """
 
     names: list[str]
@@ -95,11 +95,12 @@ class Coordinates:
     difference: np.ndarray
     sigma: np.ndarray
     differ: np.ndarray
+    together: bool
 
     @classmethod
     def of(cls, before: Block, after: Block) -> Coordinates:
         """Compared by the chi-square of each point, at `FALSE_REFUSAL` divided among all, and by
-        that of their median, which errors of single points average out of."""
+        that of a similarity of all, which errors of single points average out of."""
         sides = [
             {
                 str(name): (xyz, sigma, role == "control")
@@ -121,17 +122,17 @@ class Coordinates:
         sigma = np.array([np.hypot(a[1], b[1]) for a, b in zip(first, second, strict=True)])
         sigma = sigma.reshape(-1, 3)
         differ = _beyond(apart, sigma)
-        if len(names):
-            middle = np.median(apart, axis=0)
-            # The median of n has pi / 2 times the variance of their mean.
-            of_middle = np.sqrt(0.5 * np.pi / len(names)) * np.median(sigma, axis=0)
-            if _beyond(middle[None], of_middle[None])[0]:
-                differ |= ~_beyond(apart - middle, sigma)
         # Where most are of one survey, what differs from it is no noise of a survey.
         other = (np.abs(apart) > np.maximum(SAME_M, 0.1 * sigma)).any(axis=1)
+        whole = None
         if other.sum() < 0.5 * len(other):
             differ |= other
-        return cls(names, control, apart, sigma, differ)
+        else:
+            xyz = np.array([one[0] for one in first]).reshape(-1, 3)
+            whole = _as_one(xyz, apart, sigma, ~differ)
+        if whole is not None:
+            differ |= ~_beyond(apart - whole, sigma)
+        return cls(names, control, apart, sigma, differ, whole is not None)
 
     @property
     def two_datums(self) -> bool:
@@ -154,20 +155,25 @@ class Coordinates:
             f"{self.differ.sum()} of {len(self.differ)} ground points have other coordinates in "
             "the second ground.csv than in the first"
         )
-        if left > np.abs(median).max():
+        far = np.linalg.norm(self.difference[self.differ], axis=1).max()
+        each = np.abs(apart - median).max() > np.abs(median).max()
+        if left > np.abs(median).max() and not self.together:
             yield Objection(
                 BOTH_DATES,
                 f"have control that is not the same: {which}, each by another amount, up to "
-                f"{np.linalg.norm(self.difference[self.differ], axis=1).max():.3f} m",
+                f"{far:.3f} m",
                 "Give each point that was painted anew, or moved, a name of its own at the second "
                 "date, and correct the coordinates of the others.",
             )
             return
-        by = ", ".join(f"{v:+.3f}" for v in median)
-        more = "" if left < 0.2 * np.abs(median).max() else f", and up to {left:.3f} m more"
+        if self.together and each:
+            by = f"turned or scaled as a whole, by up to {far:.3f} m"
+        else:
+            by = "by (" + ", ".join(f"{v:+.3f}" for v in median) + ") m in the median"
+            by += "" if left < 0.2 * np.abs(median).max() else f", and up to {left:.3f} m more"
         yield Objection(
             BOTH_DATES,
-            f"have two datums: {which}, by ({by}) m in the median{more}",
+            f"have two datums: {which}, {by}",
             "Bring both surveys into one system (same base, geoid and projection), or lay both "
             "dates together on what stands still (--datum stable).",
         )
@@ -213,6 +219,32 @@ def _beyond(apart: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Which of vectors (k, 3) their standard deviations do not allow (k,)."""
     size = np.sum((apart / sigma) ** 2, axis=1)
     return size > chi2.isf(FALSE_REFUSAL / max(len(size), 1), 3)
+
+
+def _as_one(
+    xyz: np.ndarray, apart: np.ndarray, sigma: np.ndarray, some: np.ndarray
+) -> np.ndarray | None:
+    """What a small similarity does to all points (k, 3) of which some (k,) tell it by `apart`
+    (k, 3); None where that is chance, or not what they do.
+
+    Of fewer than four it is a shift: three points fit every turn of a plane.
+    """
+    if not some.any():
+        return None
+    away = xyz - xyz[some].mean(axis=0)
+    size = max(float(np.abs(away).max()), 1.0)
+    scaled, turned = away[:, :, None], np.cross(np.eye(3), away[:, None, :]).transpose(0, 2, 1)
+    design = np.broadcast_to(np.eye(3), (len(xyz), 3, 3))
+    if some.sum() > 3:
+        design = np.concatenate([design, scaled / size, turned / size], axis=2)
+    rows = (design / sigma[:, :, None])[some].reshape(-1, design.shape[2])
+    right = (apart / sigma)[some].ravel()
+    found, _, rank, _ = np.linalg.lstsq(rows, right, rcond=1e-6)
+    told, left = rows @ found, right - rows @ found
+    if chi2.sf(told @ told, rank) >= FALSE_REFUSAL:
+        return None
+    fits = rank == len(right) or chi2.sf(left @ left, len(right) - rank) >= FALSE_REFUSAL
+    return design @ found if fits else None
 
 
 # --- an epoch against its own model ------------------------------------------------------------

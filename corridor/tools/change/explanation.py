@@ -174,12 +174,12 @@ def gathered(
         covariance = scale[:, None] * covariance * scale
         redundancy = registration.freedom
     if surface is not None:
-        # Only what comes from rough ground is uncertain, and no surer than at one core point.
-        rough = np.zeros(len(value))
+        # Only what comes from rough ground is uncertain, and no surer than at one core point there.
+        rough, least = np.zeros(len(value)), np.ones(len(value))
         rough[of_surface] = surface.sampling_of_sums(cells)
+        least[of_surface] = np.maximum(cells @ surface.count.min(axis=1) - 1.0, 1.0)
         some = of_surface & (rough > 0)
-        least = max(float(np.median(surface.count.min(axis=1))) - 1.0, 1.0)
-        freedom[some] = least * (np.diag(covariance)[some] / rough[some]) ** 2
+        freedom[some] = least[some] * (np.diag(covariance)[some] / rough[some]) ** 2
         freedom[of_surface] = np.minimum(freedom[of_surface], redundancy)
     return Evidence(
         value, covariance, places, of_surface, signatures, effect, freedom, redundancy, cells, near

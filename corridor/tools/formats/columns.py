@@ -10,6 +10,7 @@ from itertools import islice
 from typing import BinaryIO
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.csv
@@ -260,12 +261,9 @@ def grouped(codes: np.ndarray, groups: int) -> tuple[np.ndarray, np.ndarray]:
     return order, np.searchsorted(codes[order], np.arange(groups + 1))
 
 
-def numbered(codes: np.ndarray, groups: int) -> np.ndarray:
+def numbered(codes: np.ndarray) -> np.ndarray:
     """Each row's number within its group, from 0."""
-    order, starts = grouped(codes, groups)
-    number = np.empty(len(codes), np.int64)
-    number[order] = np.arange(len(codes)) - np.repeat(starts[:-1], np.diff(starts))
-    return number
+    return pd.Series(codes).groupby(codes, sort=False).cumcount().to_numpy()
 
 
 def in_parts(

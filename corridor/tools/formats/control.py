@@ -25,12 +25,7 @@ from corridor.core.geometry import (
     rotation_from_quaternion,
     similarity,
 )
-from corridor.core.gnss import (
-    GEOGRAPHIC,
-    Local,
-    known_crs,
-    local_of,
-)
+from corridor.core.gnss import GEOGRAPHIC, Local, known_crs, local_of
 from corridor.core.photographs import Metadata
 from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness, unit_of
 from corridor.tools.formats.faults import blaming
@@ -39,7 +34,7 @@ from corridor.tools.formats.ground import Ground, add_to, called_as_marked, in_f
 from corridor.tools.formats.plausible import refusal
 from corridor.tools.formats.project import Project
 from corridor.tools.formats.proof import LARGE_PX
-from corridor.tools.formats.rows import rows_of, share_outside
+from corridor.tools.formats.rows import rows_of
 from corridor.tools.formats.strange import not_text
 
 XYZ = list(POSE[:3])
@@ -103,28 +98,26 @@ def add_ground(
             ground = replace(ground, crs=crs)
         framed = project.placed or project.block.crs or local_of(project.block)
         project = _in_size(_with_place(project, ground), ground, photos or {})
-        if framed and ground.table is not None and len(ground.table):
+        if framed and listed:
             given = ground.table[XYZ].to_numpy(float)
-            wrong = refusal(project.block, list(ground.table["point"]), given, ground.crs, in_frame)
+            wrong = refusal(project.block, listed, given, ground.crs, in_frame)
             if wrong:
                 raise InputError(wrong)
-    names = [] if ground.table is None else list(ground.table["point"])
-    notes = [f"{path.name}: {len(names)} ground points, {len(ground.marks)} marks"]
+    notes = [f"{path.name}: {len(listed)} ground points, {len(ground.marks)} marks"]
     marked = set(project.block.marks["point"].cat.categories)
-    unseen = [name for name in names if name not in marked]
+    unseen = [name for name in listed if name not in marked]
     if unseen:
         notes.append(f"{len(unseen)} ground points are measured in no image: {some(unseen, 5)}")
     project = project.having(notes=notes)
     block = project.block
     if not (len(block.ground) and len(block.marks)):
         return project
-    free = not project.placed and local_of(block) is None
-    if free:
+    if not project.placed and local_of(block) is None:
         project = _placed(project, path.name)
     else:
-        _refuse_beside_others(project.block, names, path.name)
+        _refuse_beside_others(project.block, listed, path.name)
         project = _in_one_height_system(project, path.name)
-    heights = np.zeros(0) if ground.table is None else ground.table["z"].to_numpy(float)
+    heights = ground.table["z"].to_numpy(float) if listed else np.zeros(0)
     if len(heights) <= _LEAST_POINTS or np.ptp(heights) > 0:
         return project
     return project.warned(
@@ -164,11 +157,11 @@ def _in_size(project: Project, ground: Ground, photos: Mapping[int, Metadata]) -
     best = min(missed, key=missed.get)
     if best == 1.0 or not missed[best] < _BETTER * missed[1.0]:
         return found[1.0]
-    size = max(max(camera.width, camera.height) for camera in project.block.cameras.values())
+    size = _limit(project.block)
     was = "" if not np.isfinite(missed[1.0]) else f" in place of {missed[1.0]:.3g} px as they are"
     return found[best].noted(
         f"{ground.path.name}: its marks were measured in pictures of {size / best:.0f} px and "
-        f"brought to {size} px: there their rays meet to {missed[best]:.2g} px{was}"
+        f"brought to {size:.0f} px: there their rays meet to {missed[best]:.2g} px{was}"
     )
 
 
@@ -185,14 +178,13 @@ def _factors(block: Block, photos: Mapping[int, Metadata]) -> list[float]:
 def _missed(block: Block) -> float:
     """By how many pixels rays of marks miss each other, median; infinite where none meet."""
     missed = ground_seen(block).missed_px
-    inside = share_outside(block, "marks") < 0.5
-    return float(np.median(missed)) if len(missed) and inside else np.inf
+    inside = len(missed) and np.mean(block.outside("marks")) < 0.5
+    return float(np.median(missed)) if inside else np.inf
 
 
 def ground_seen(block: Block) -> Seen:
     """Control and check points where the rays of their marks meet by the block's own poses."""
-    rows = rows_of(block, complete=False)
-    rows = rows.only(np.isfinite(rows.centre).all(axis=1)[rows.image])
+    rows = rows_of(block, complete=False).posed()
     table = block.ground[block.ground["role"] != "unused"]
     at = rows.point_names.get_indexer(table["point"])
     given, names = table[XYZ].to_numpy(float)[at >= 0], table["point"].to_numpy()[at >= 0]
@@ -341,15 +333,12 @@ def _robust(seen: Seen) -> tuple[Similarity, np.ndarray] | None:
 def moved_by(project: Project, move: Similarity) -> Project:
     """The project's poses and points by a similarity; its ground points stay where they are."""
     block = project.block
-    pose = block.poses
-    known = np.isfinite(pose).all(axis=1)
-    pose[known, :3] = move.apply(pose[known, :3])
-    turned = move.apply_to_rotations(rotation_from_quaternion(pose[known, 3:]))
-    pose[known, 3:] = quaternion_from_rotation(turned)
-    images = block.images.assign(**dict(zip(POSE, pose.T, strict=True)))
-    places = move.apply(block.points[XYZ].to_numpy(float))
-    points = block.points.assign(**dict(zip(XYZ, places.T, strict=True)))
-    return project.having(images=images, points=points)
+    turned = move.apply_to_rotations(rotation_from_quaternion(block.poses[:, 3:]))
+    pose = [move.apply(block.poses[:, :3]), quaternion_from_rotation(turned)]
+    made = block.copy()
+    made.put("images", POSE, np.hstack(pose))
+    made.put("points", XYZ, move.apply(block.points[XYZ].to_numpy(float)))
+    return replace(project, block=made)
 
 
 def _refuse_beside_others(block: Block, names: list[str], file: str) -> None:
@@ -427,11 +416,8 @@ def _in_pixels(block: Block) -> float:
 
 def _by_point(block: Block) -> SeriesGroupBy:
     """The same of each mark, by the names of the points."""
-    rows = rows_of(block, complete=False)
+    rows = rows_of(block, complete=False).usable()
     marks = rows.only(rows.point >= rows.ties)
-    good = np.isfinite(marks.positions).all(axis=1)[marks.point]
-    good &= np.isfinite(marks.centre).all(axis=1)[marks.image]
-    marks = marks.only(good)
     length = np.linalg.norm(marks.residuals(), axis=1)
     found = pd.Series(np.where(np.isfinite(length), length, np.inf))
     return found.groupby(marks.point_names[marks.point].astype(str))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from corridor.core.block import POSE, RHO, Block, correlations, covariances
+from corridor.core.block import POSE, RHO, SIGMAS, VELOCITY, Block, correlations, covariances
 from corridor.core.geometry import quaternion_from_rotation, rotation_from_quaternion
 from corridor.core.gnss import (
     GEOGRAPHIC,
@@ -18,9 +18,8 @@ from corridor.core.gnss import (
 
 # Directions are differences over this length: of PROJ's nanometres 1e-11 rad are left.
 _STEP_M = 100.0
-_SIGMAS = (("gnss", ("sx", "sy", "sz")), ("ground", ("sx", "sy", "sz")),
-           ("points", ("sx", "sy", "sz")), ("track", ("sx", "sy", "sz")))  # fmt: skip
-_VELOCITY = (("images", ("vx", "vy", "vz")), ("track", ("vx", "vy", "vz")))
+_SIGMAS = tuple((table, SIGMAS) for table in ("gnss", "ground", "points", "track"))
+_VELOCITY = (("images", VELOCITY), ("track", VELOCITY))
 
 
 def local_table(local: Local, crs: str | None = None) -> dict[str, float | str]:
@@ -65,12 +64,9 @@ def moved(block: Block, target: Local | str, crs: str | None = None) -> Block:
             places[known] = over(places[known])
             made.put(table, "xyz", places)
     if _has(block, "images", POSE):
-        pose = block.poses
-        known = np.isfinite(pose).all(axis=1)
-        rotation = rotation_from_quaternion(pose[known, 3:])
-        back = np.transpose(turns["images"][known], (0, 2, 1))
-        pose[known, 3:] = quaternion_from_rotation(rotation @ back)
-        made.put("images", POSE[3:], pose[:, 3:])
+        rotation = rotation_from_quaternion(block.poses[:, 3:])
+        turned = rotation @ turns["images"].transpose(0, 2, 1)
+        made.put("images", POSE[3:], quaternion_from_rotation(turned))
     for table, names in _VELOCITY:
         if _has(block, table, names):
             velocity = block.numbers(table, *names)

@@ -12,11 +12,7 @@ from corridor.core import gnss
 from corridor.core.block import POSE, VELOCITY, Block
 from corridor.core.errors import InputError, some
 from corridor.core.geometry import robust_scale, rotation_from_quaternion, similarity
-from corridor.core.gnss import (
-    GEOGRAPHIC,
-    Local,
-    local_of,
-)
+from corridor.core.gnss import GEOGRAPHIC, Local, local_of
 from corridor.core.photographs import (
     Metadata,
     global_shutter,

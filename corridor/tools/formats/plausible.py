@@ -72,9 +72,7 @@ def _met(block: Block, points: list[str]) -> np.ndarray:
     """(n, 3) where the rays of the marks of ground points meet; NaN with fewer than two."""
     if not len(block.marks) or not np.isfinite(block.poses).all(axis=1).any():
         return np.full((len(points), 3), np.nan)
-    rows = rows_of(block, complete=False)
-    good = np.isfinite(rows.centre).all(axis=1)[rows.image]
-    rows = rows.only(good)
+    rows = rows_of(block, complete=False).posed()
     at = {name: k for k, name in enumerate(rows.point_names) if k >= rows.ties}
     known = np.array([at.get(name, -1) for name in points])
     met = np.full((len(points), 3), np.nan)

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.core.block import POSE, Block
+from corridor.core.block import POSE, SIGMAS, Block
 from corridor.core.brief import brief
 from corridor.core.camera import Camera
 from corridor.core.errors import InputError, some
-from corridor.core.geometry import quaternion_from_rotation
+from corridor.core.geometry import quaternion_from_rotation, rotation_from_quaternion
 from corridor.core.gnss import Local
 from corridor.core.preparation import Witness, record_derived
 from corridor.tools.formats.cameras import NoModel
@@ -157,14 +157,10 @@ def matrices_of(quaternions: np.ndarray) -> np.ndarray:
     `rotations_to_columns` makes rotations of them. One that is far from unit is divided.
     """
     q = np.asarray(quaternions, dtype=float).reshape(-1, 4)
-    length = np.linalg.norm(q, axis=1, keepdims=True)
-    w, x, y, z = np.where(np.abs(length - 1) < 1e-4, q, q / length).T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.array(rows).transpose(2, 0, 1)
+    length = np.linalg.norm(q, axis=1)[:, None, None]
+    # All that the usual formula adds to the unit matrix is of the second degree.
+    size = np.where(np.abs(length - 1) < 1e-4, length**2, 1.0)
+    return np.eye(3) + size * (rotation_from_quaternion(q) - np.eye(3))
 
 
 def observations_table(
@@ -218,11 +214,22 @@ def ground_table(
     return table
 
 
+def gnss_table(rows: Sequence[tuple]) -> pd.DataFrame | None:
+    """gnss.csv of rows image, x, y, z, sx, sy, sz, metres; None without any.
+
+    Standard deviations that are not positive are unknown.
+    """
+    if not rows:
+        return None
+    table = pd.DataFrame(rows, columns=["image", *"xyz", *SIGMAS])
+    sigma = table[list(SIGMAS)]
+    table[list(SIGMAS)] = sigma.where(sigma > 0)
+    return table.dropna(axis="columns", how="all")
+
+
 def same_point_once(table: pd.DataFrame, what: str, warnings: list[str]) -> pd.DataFrame:
     """The observations without a second one of the same point in the same image, which are told."""
-    key = table["point"].array.codes.astype(np.int64)
-    key = key * max(len(table["image"].cat.categories), 1) + table["image"].array.codes
-    again = pd.Series(key).duplicated().to_numpy()
+    again = table.duplicated(["point", "image"]).to_numpy()
     if not again.any():
         return table
     first = table.iloc[int(np.argmax(again))]

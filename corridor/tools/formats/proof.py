@@ -123,7 +123,7 @@ def prove(project: Project) -> Proof:
     posed = {"x", "qw"} <= set(block.images.columns)
     kinds = []
     if posed and (len(block.tie_points) or len(block.marks)):
-        rows = _usable(rows_of(block, complete=False))
+        rows = rows_of(block, complete=False).usable()
         ties = rows.point < rows.ties
         kinds = [("tie points", rows.only(ties)), ("marks", rows.only(~ties))]
     if posed and project.pairs is not None and len(project.pairs):
@@ -194,7 +194,7 @@ def _intersected(marks: tuple[str, Rows], proof: Proof) -> tuple[str, Rows]:
     used = np.unique(rows.point)
     positions = rows.positions.copy()
     positions[used] = rows.intersected(used)
-    own = _usable(replace(rows, positions=positions))
+    own = replace(rows, positions=positions).usable()
     found = Residuals.of(np.linalg.norm(own.residuals(), axis=1))
     # Two rays always nearly meet.
     if found.count < 10 or found.count < 2.5 * len(np.unique(own.point)):
@@ -203,13 +203,6 @@ def _intersected(marks: tuple[str, Rows], proof: Proof) -> tuple[str, Rows]:
         return marks
     proof.by_kind[kind] = found
     return kind, own
-
-
-def _usable(rows: Rows) -> Rows:
-    """Observations of images with a pose and of points with coordinates."""
-    good = np.isfinite(rows.centre).all(axis=1)[rows.image]
-    good &= np.isfinite(rows.positions).all(axis=1)[rows.point]
-    return rows.only(good)
 
 
 def _pairs(project):

@@ -6,17 +6,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.core.block import SIGMAS, Block
+from corridor.core.block import SIGMAS, Block, places
 from corridor.core.errors import InputError
-from corridor.core.gnss import (
-    known_crs,
-    metric,
-)
+from corridor.core.gnss import known_crs, metric
 from corridor.tools.formats.control import placed_by_own
 from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.programs import candidates, formats
 from corridor.tools.formats.project import Project, near_origin
-from corridor.tools.formats.rows import share_outside
 from corridor.tools.formats.strange import strange
 
 # A few bad matches lie outside their picture.
@@ -49,7 +45,8 @@ def read_project(
     with blaming(path, f"a project of {form}"):
         project = formats()[form].read(path, size)
         project = project if project.own else _counted_in_metres(project)
-        outside = share_outside(project.block, "tie_points") if size else 0.0
+        ties = size and len(project.block.tie_points)
+        outside = project.block.outside("tie_points").mean() if ties else 0.0
         if outside > _MOST_OUTSIDE:
             raise InputError(
                 f"{outside:.0%} of the image points lie outside pictures of {size[0]} x {size[1]} "
@@ -90,8 +87,7 @@ def _unseen(block: Block) -> list[str]:
     names = block.tie_points["point"].cat.categories
     codes = block.tie_points["point"].array.codes.astype(np.int64)
     seen = np.bincount(codes, minlength=len(names))
-    same = len(names) == len(block.points) and names.equals(pd.Index(block.points["point"]))
-    at = np.arange(len(names)) if same else names.get_indexer(block.points["point"])
+    at = places(block.points["point"], names)
     few = pd.Series(np.where(at >= 0, seen[at], 0) < 2)
     if len(block.ground) or len(block.marks):
         few &= ~block.points["point"].isin(set(block.ground["point"]))

@@ -45,6 +45,15 @@ class Rows:
         parts = {name: getattr(self, name)[kept] for name in ("image", "point", "pixels")}
         return self if kept.all() else replace(self, **parts)
 
+    def posed(self) -> "Rows":
+        """Those in images with a pose."""
+        return self.only(np.isfinite(self.centre).all(axis=1)[self.image])
+
+    def usable(self) -> "Rows":
+        """Those in images with a pose, of points with coordinates."""
+        posed = self.posed()
+        return posed.only(np.isfinite(self.positions).all(axis=1)[posed.point])
+
     def rays(self) -> np.ndarray:
         """(m, 2) rays of the observations; NaN where a pixel has none."""
         if not self.backwards:
@@ -167,12 +176,3 @@ def camera_positions(block: Block) -> pd.DataFrame:
         shift = np.einsum("nji,nj->ni", rotation, arm)
         table[["x", "y", "z"]] = table[["x", "y", "z"]].to_numpy() - np.nan_to_num(shift)
     return table
-
-
-def share_outside(block: Block, table: str) -> float:
-    """Share of the observations of a table that lie outside their picture."""
-    size = np.array([[block.cameras[n].width, block.cameras[n].height]
-                     for n in block.images["camera"]])  # fmt: skip
-    xy = getattr(block, table)[["x", "y"]].to_numpy(float)
-    limit = size[block.image_rows(table)] - 0.5
-    return float(((xy < -0.5) | (xy > limit)).any(axis=1).mean()) if len(xy) else 0.0

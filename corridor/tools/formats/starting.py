@@ -10,8 +10,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from corridor.core.geometry import rotation_from_roll_pitch_yaw
 from corridor.core.gnss import Local
 from corridor.core.output import silent
 from corridor.core.photographs import Metadata
@@ -21,10 +21,6 @@ from corridor.tools.formats.heading import headings
 _LIMITS = (0.13, 0.045, 0.018, 0.009, 0.007)
 _LENS_FROM = 0.02
 _SIGMA_M = (3.0, 3.0, 6.0)
-_TO_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
-# Columns: x right, y down, z forward of the camera in the frame forward, right, down.
-_GIMBAL = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-_NADIR = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 
 
 def can_start(photos: list[Metadata]) -> bool:
@@ -51,9 +47,9 @@ def rotation_of(photo: Metadata, yaw: float) -> np.ndarray:
     DJI's are the gimbal's, which looks forward at pitch 0; others are the body's, whose camera
     looks down.
     """
-    turned = Rotation.from_euler("ZYX", [yaw, photo.pitch, photo.roll], degrees=True)
-    mounted = _GIMBAL if "GimbalYawDegree" in photo.tags or "dji" in photo.make.lower() else _NADIR
-    return (_TO_ENU @ turned.as_matrix() @ mounted).T
+    gimbal = "GimbalYawDegree" in photo.tags or "dji" in photo.make.lower()
+    angles = [[photo.roll, photo.pitch, yaw]]
+    return rotation_from_roll_pitch_yaw(angles, "camera" if gimbal else "body")[0]
 
 
 def from_attitudes(

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from corridor.core.errors import InputError
-from corridor.core.textfile import UTF16, Line, is_number, lines, missing
+from corridor.core.textfile import UTF16, Line, is_number, lines, read_bytes, unpacked
 
 
 def says_number(word: str) -> bool:
@@ -76,11 +76,11 @@ class Following:
 
 
 def opening(path: Path, size: int = 4096) -> str:
-    """The first characters of a file, whatever it is: for telling formats apart."""
+    """The first characters of a file, whatever it is, packed or not: for telling formats apart."""
     try:
-        with path.open("rb") as file:
+        with unpacked(path) as file:
             data = file.read(size)
-    except OSError:
+    except (OSError, EOFError):
         return ""
     if data.startswith(UTF16):
         return data.decode("utf-16", errors="replace").lstrip("\ufeff")
@@ -138,10 +138,7 @@ class Json:
     @classmethod
     def read(cls, path: Path) -> Json:
         """What a JSON file holds. Raises InputError naming file and line."""
-        try:
-            data = path.read_bytes()
-        except OSError as error:
-            raise missing(path, error) from error
+        data = read_bytes(path)
         try:
             text = data.decode("utf-16" if data[:2] in UTF16 else "utf-8-sig")
             return cls(json.loads(text, object_pairs_hook=_once), path.name)
@@ -199,10 +196,16 @@ class Json:
         raise self.wrong(f"has no number {key}" + f" ({value!r})" * (value is not None))
 
     def numbers(self, key: str, count: int) -> np.ndarray:
-        """The `count` finite numbers under a key. Raises InputError naming the place."""
-        found = self.get(key)
-        if isinstance(found, list) and len(found) == count and all(map(is_number, found)):
-            return np.array(found, dtype=float)
+        """The `count` finite numbers under a key, also as text or in lists of lists.
+
+        Raises InputError naming the place.
+        """
+        try:
+            found = np.array(self.get(key), dtype=float).ravel()
+        except (TypeError, ValueError, OverflowError):
+            found = np.zeros(0)
+        if len(found) == count and np.isfinite(found).all():
+            return found
         raise InputError(
             f"{self.where}: {key} is not {count} finite numbers; export the project again"
         )

@@ -18,7 +18,7 @@ from corridor.core.block import POSE, Block
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.geometry import quaternion_from_rotation, rotation_from_quaternion
 from corridor.core.photographs import Metadata
-from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness
+from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness, turned_back
 from corridor.tools.formats.heading import (
     AGREEING_SHARE,
     LEAST_PHOTOS,
@@ -142,22 +142,14 @@ def _turned_back(project: Project, rows: np.ndarray) -> Project:
     The mapping's camera is the same after half a turn about its axis (its principal point is the
     middle of the picture), so that all residuals stay; what an adjustment adds to it is not.
     """
-    block, images = project.block, project.block.images.copy()
-    pose = _HALF_TURN @ rotation_from_quaternion(block.poses[rows, 3:])
-    images.loc[images.index[rows], list(POSE[3:])] = quaternion_from_rotation(pose)
-    names = images["image"].iloc[rows]
-    last = {
-        name: (block.cameras[camera].width - 1, block.cameras[camera].height - 1)
-        for name, camera in zip(names, images["camera"].iloc[rows], strict=True)
-    }
-    measured = {name: getattr(block, name) for name in ("tie_points", "marks")}
-    for name, table in measured.items():
-        mine = table["image"].isin(last).to_numpy()
-        far = np.array([last[image] for image in table["image"][mine]]).reshape(-1, 2)
-        pixels = table[["x", "y"]].to_numpy(float, copy=True)
-        pixels[mine] = far - pixels[mine]
-        measured[name] = table.assign(x=pixels[:, 0], y=pixels[:, 1])
-    return project.having(images=images, **measured)
+    block = project.block
+    quarters = np.zeros(len(block.images), dtype=int)
+    quarters[rows] = 2
+    block, pose = turned_back(block, quarters), block.poses
+    turned = _HALF_TURN @ rotation_from_quaternion(pose[rows, 3:])
+    pose[rows, 3:] = quaternion_from_rotation(turned)
+    block.put("images", POSE[3:], pose[:, 3:])
+    return replace(project, block=block)
 
 
 def yaw_of(rotation: np.ndarray) -> np.ndarray:

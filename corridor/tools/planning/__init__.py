@@ -5,7 +5,7 @@ one flight set for `expect(control)`, `sweep` many.
 """
 
 from corridor.tools.planning.advising import advice
-from corridor.tools.planning.expected import Accuracy, Expected
+from corridor.tools.planning.expected import Expected
 from corridor.tools.planning.network import Carried
 from corridor.tools.planning.noise import GnssNoise
 from corridor.tools.planning.planned import Planned, plan

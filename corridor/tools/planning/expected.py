@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
-from corridor.core.adjustment import END
+from corridor.core.adjustment import END, Parts
 from corridor.core.errors import InputError
 from corridor.core.output import millimetres
 from corridor.tools.planning.conditioning import Moments, condition
@@ -36,22 +36,8 @@ class Known:
 
     def table(self, rows: np.ndarray) -> pd.DataFrame:
         """Points by row: point, station, across (m)."""
-        return pd.DataFrame(
-            {
-                "point": [self.names[k] for k in rows],
-                "station": self.where[rows, 0],
-                "across": self.where[rows, 1],
-            }
-        )
-
-
-@dataclass(frozen=True)
-class Accuracy:
-    """RMS of check points: xy (both axes together), z and 3D, metres."""
-
-    xy: float
-    z: float
-    d3: float
+        names, (station, across) = [self.names[k] for k in rows], self.where[rows].T
+        return pd.DataFrame({"point": names, "station": station, "across": across})
 
 
 class Expected:
@@ -98,7 +84,7 @@ class Expected:
         self.xy, self.z, self.d3 = found.xy, found.z, found.d3
 
     @property
-    def stated(self) -> Accuracy:
+    def stated(self) -> Parts:
         """What the adjustment believes the RMS of its check points to be."""
         return _accuracy(self._stated)
 
@@ -131,14 +117,10 @@ class Expected:
         for n in self.network.biases:
             # Its error is that of the adjustment: the bias is what it finds.
             error[n] = self._moments.stated[n, n]
-        frame = pd.DataFrame(
-            {
-                "parameter": self.network.labels,
-                "unit": [unknown.unit for unknown in unknowns],
-                "sigma": np.where(held, 0.0, np.sqrt(np.diag(self._moments.stated)[:q])),
-                "rms": np.sqrt(np.maximum(error, 0.0)),
-            }
-        )
+        units = [unknown.unit for unknown in unknowns]
+        frame = pd.DataFrame({"parameter": self.network.labels, "unit": units})
+        frame["sigma"] = np.where(held, 0.0, np.sqrt(np.diag(self._moments.stated)[:q]))
+        frame["rms"] = np.sqrt(np.maximum(error, 0.0))
         if self.open:
             frame[["sigma", "rms"]] = np.nan
         return frame[[unknown.kind != END for unknown in unknowns]].reset_index(drop=True)
@@ -267,8 +249,6 @@ class Expected:
         }
 
 
-def _accuracy(variance: np.ndarray) -> Accuracy:
+def _accuracy(variance: np.ndarray) -> Parts:
     mean = variance.reshape(-1, 3).mean(axis=0)
-    return Accuracy(
-        float(np.sqrt(mean[0] + mean[1])), float(np.sqrt(mean[2])), float(np.sqrt(mean.sum()))
-    )
+    return Parts(*np.sqrt([mean[0] + mean[1], mean[2], mean.sum()]).tolist())

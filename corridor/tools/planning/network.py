@@ -23,10 +23,9 @@ from corridor.core.adjustment import Covariance, LinearSystem, Model, Singular, 
 from corridor.core.block import Block
 from corridor.core.brief import brief
 from corridor.core.camera import projection_derivatives
-from corridor.core.effects import Images
 from corridor.core.errors import InputError
-from corridor.core.simulation import Plan, perfect_block
-from corridor.tools.planning.surveyed import Surveyed, marks_of, on_the_ground, seen_by
+from corridor.core.simulation import Plan, marks_on, on_the_ground, perfect_block
+from corridor.tools.planning.surveyed import Surveyed
 
 # Every surveyed point is known to so many metres. It changes no result that is worth having, and
 # lets a network without a datum be factorised, to be laid on its control later: looser, and the
@@ -145,10 +144,12 @@ class Network:
         the poses no further: with hundreds of tie points an image nobody can tell.
         Raises InputError for a point that fewer than two images show.
         """
-        seen = seen_by(self.images, xyz, self.plan.tie_points.border_px)
+        marks = marks_on(self.plan, self.seed, names, xyz)
         weight = self.block.sigma["mark_px"] ** -2.0
         rows, own = [], []
-        for name, point, images in zip(names, xyz, seen, strict=True):
+        for name, point in zip(names, xyz, strict=True):
+            shown = marks.loc[marks["point"] == name, "image"]
+            images = np.flatnonzero(np.isin(self.images.names, list(shown)))
             if len(images) < 2:
                 raise InputError(
                     f"point {name} is seen in {len(images)} image{'s' * (len(images) != 1)}, "
@@ -298,10 +299,9 @@ def _block_of(plan: Plan, surveyed: Surveyed, seed: int) -> tuple[Block, Surveye
         for key, value in stated.items()
         if np.all(np.asarray(value) > 0)
     }
-    images = Images.of(block)
     xyz = surveyed.place(plan, seed)
-    seen = seen_by(images, xyz, plan.tie_points.border_px)
-    twice = np.array([len(rows) >= 2 for rows in seen])
+    marks = marks_on(plan, seed, surveyed.names, xyz)
+    twice = marks["point"].value_counts(sort=False).to_numpy() >= 2
     if not (twice & surveyed.check).any():
         raise InputError(
             f"flight set {plan.name} shows no check point twice: plan the check points where it "
@@ -314,16 +314,12 @@ def _block_of(plan: Plan, surveyed: Surveyed, seed: int) -> tuple[Block, Surveye
         surveyed.across[kept],
         surveyed.check[kept],
     )
+    ground = pd.DataFrame({"point": shown.names, **dict(zip("xyz", xyz[kept].T, strict=True))})
+    ground["role"] = np.where(shown.check, "check", "control")
     block = replace(
         block,
-        marks=marks_of(images, shown.names, xyz[kept], [seen[k] for k in kept]),
-        ground=pd.DataFrame(
-            {
-                "point": shown.names,
-                **dict(zip("xyz", xyz[kept].T, strict=True)),
-                "role": np.where(shown.check, "check", "control"),
-            }
-        ),
+        marks=marks[marks["point"].isin(shown.names)].astype({"point": str, "image": str}),
+        ground=ground,
     )
     return block, shown, [surveyed.names[k] for k in np.flatnonzero(~twice)]
 

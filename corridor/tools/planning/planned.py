@@ -56,10 +56,10 @@ class Planned:
     @property
     def control(self) -> pd.DataFrame:
         """Control of the row that the advice names first: point, x, y, z (m, of the plan)."""
-        ground = self.laid_out().ground if self.chosen is not None else pd.DataFrame()
-        if not len(ground):
-            return with_units(pd.DataFrame(columns=["point", "x", "y", "z"]), {"m": "x y z"})
-        mine = ground.loc[ground["role"] == "control", ["point", "x", "y", "z"]]
+        columns = ["point", "x", "y", "z"]
+        none = pd.DataFrame(columns=[*columns, "role"])
+        ground = none if self.chosen is None else self.laid_out().ground
+        mine = ground.loc[ground["role"] == "control", columns]
         return with_units(mine.reset_index(drop=True), {"m": "x y z"})
 
     def laid_out(self) -> Block:

@@ -239,12 +239,9 @@ class Planner:
         if places:
             where = np.array(list(places.values()))
             xyz = self.network.place(*where.T)
-            known = self._knowing(
-                [*known.names, *places],
-                np.concatenate([known.where, where]),
-                np.concatenate([known.xyz, xyz]),
-                [*known.parts, self.network.points(list(places), xyz)],
-            )
+            parts = [*known.parts, self.network.points(list(places), xyz)]
+            where, xyz = np.concatenate([known.where, where]), np.concatenate([known.xyz, xyz])
+            known = self._knowing([*known.names, *places], where, xyz, parts)
         names = list(dict.fromkeys(names))
         points = np.array([known.names.index(name) for name in names], dtype=np.int64)
         return Expected(self.network, known, tuple(names), points)

@@ -1,16 +1,12 @@
 """Where points could be surveyed: the candidates for ground control, and the check points."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 
 from corridor.core.brief import brief
-from corridor.core.camera import project, undistort
-from corridor.core.effects import Images
 from corridor.core.errors import InputError
-from corridor.core.simulation import Dike, Plan, bank_of, strips_of
+from corridor.core.simulation import Plan, bank_of, on_the_ground, strips_of
 
 # Share of the flown length between its ends and the first and last surveyed point.
 _MARGIN = 0.04
@@ -85,47 +81,3 @@ def reach(plan: Plan) -> tuple[float, float, float]:
     if not last > first:
         first, last = min(begin), max(end)
     return first, last, bank_of(plan)
-
-
-def on_the_ground(plan: Plan, seed: int, station, across) -> np.ndarray:
-    """Positions (n, 3), metres, at stations and distances to the right of the axis (n,)."""
-    ground = Dike(plan.terrain.relief_m, plan.terrain.level_m, seed, plan.terrain.roughness_m)
-    station, across = np.atleast_1d(station).astype(float), np.atleast_1d(across).astype(float)
-    return np.column_stack([plan.axis.place(station, across), ground.height(station, across)])
-
-
-def seen_by(images: Images, points: np.ndarray, border_px: float) -> list[np.ndarray]:
-    """Rows of the images that show each point (n, 3), at least border_px from the edge."""
-    out = []
-    for point in np.asarray(points, dtype=float).reshape(-1, 3):
-        rays = np.einsum("nij,nj->ni", images.rotation, point - images.centre)
-        pixel = project(
-            np.broadcast_to(point, images.centre.shape), images.centre, images.rotation,
-            images.interior, np.arange(len(images.centre)),
-        )  # fmt: skip
-        inside = (pixel >= border_px) & (pixel <= images.size - 1 - border_px)
-        rows = np.flatnonzero(inside.all(axis=1))
-        if len(rows):
-            # Beyond a fold of the distortion a far point would seem to lie inside.
-            back = undistort(pixel[rows], images.interior[rows], np.arange(len(rows)))
-            straight = rays[rows, :2] / rays[rows, 2:]
-            rows = rows[np.abs(back - straight).max(axis=1) < 1e-6]
-        out.append(rows)
-    return out
-
-
-def marks_of(images: Images, names: Sequence[str], points: np.ndarray, seen) -> pd.DataFrame:
-    """The table of marks: what images measure of points (n, 3), free of error."""
-    image = np.concatenate(seen)
-    point = np.repeat(np.arange(len(points)), [len(rows) for rows in seen])
-    pixel = project(
-        points[point], images.centre[image], images.rotation[image], images.interior, image
-    )
-    return pd.DataFrame(
-        {
-            "point": np.array(names, dtype=object)[point],
-            "image": images.names[image],
-            "x": pixel[:, 0],
-            "y": pixel[:, 1],
-        }
-    )

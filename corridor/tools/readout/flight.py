@@ -233,13 +233,11 @@ def _turns(adjustment: least_squares.Adjustment, readout: float) -> Turns | None
     text = {one.name: one.text for one in effect.parameters(block)}
     table = adjustment.effects
     beside = table[(table["slug"] == effect.slug) & (table["parameter"] != READOUT)]
-    return Turns(
-        rate=turn / (2 * half),
-        estimated=tuple(
-            (f"{row.parameter} {text[row.parameter]}".strip(), row.value, row.sigma, row.unit)
-            for row in beside.itertuples(index=False)
-        ),
+    estimated = tuple(
+        (f"{row.parameter} {text[row.parameter]}".strip(), row.value, row.sigma, row.unit)
+        for row in beside.itertuples(index=False)
     )
+    return Turns(turn / (2 * half), estimated)
 
 
 def _settled(found: least_squares.Adjustment) -> bool:

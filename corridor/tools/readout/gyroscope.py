@@ -58,17 +58,9 @@ def rates_from_gyro(
     if np.isnan(readout[at]).any():
         raise InputError("block.toml states no readout_s: give readout_s, or add it to the camera")
     rate = gyro[["gyro_x", "gyro_y", "gyro_z"]].to_numpy(float) @ turn.T
-    table = pd.DataFrame(
-        {
-            "time_s": times(block)[at]
-            - readout[at] / 2
-            + gyro["after_first_row_s"].to_numpy(float),
-            **dict(zip(RATES, rate.T, strict=True)),
-            "image": name.to_numpy(),
-        }
-    )
-    made = block.copy()
-    made.rates = table
-    made = type(made)(**{key: getattr(made, key) for key in made.__dataclass_fields__})
+    time = times(block)[at] - readout[at] / 2 + gyro["after_first_row_s"].to_numpy(float)
+    rates = dict(zip(RATES, rate.T, strict=True))
+    table = pd.DataFrame({"time_s": time, **rates, "image": name.to_numpy()})
+    made = block.with_(rates=table)
     made.check()
     return made

@@ -67,7 +67,7 @@ def _spread(block: Block, motion: Motion) -> np.ndarray | None:
     good = np.flatnonzero((count >= np.median(count)) & (speed >= np.median(speed)))
     if len(good) < COUNT or not speed[good].max() > 0:
         return None
-    place = np.stack([block.column("images", axis) for axis in "xyz"], axis=1)[good]
+    place = block.numbers("images", *"xyz")[good]
     chosen = [int(np.argmin(np.linalg.norm(place - place.mean(axis=0), axis=1)))]
     while len(chosen) < COUNT:
         away = np.linalg.norm(place[:, None] - place[chosen], axis=2).min(axis=1)

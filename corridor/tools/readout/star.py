@@ -407,15 +407,13 @@ def _settled(light, lens, seen, count, reach, row, step):
 class _Edges:
     """Edges on circles, as centroids of their steps.
 
-    pixels: (n, 2). number: (n,) of the edge. sign: (n,) +1 from dark to bright. jump: (n,) of the
-    light. far: (n,) px, radius. widths: (circles,) of the steps, radians, NaN where there are none.
+    pixels: (n, 2). number: (n,) of the edge. sign: (n,) +1 from dark to bright. widths: (circles,)
+    of the steps, radians, NaN where there are none.
     """
 
     pixels: np.ndarray
     number: np.ndarray
     sign: np.ndarray
-    jump: np.ndarray
-    far: np.ndarray
     widths: np.ndarray
 
     @classmethod
@@ -433,9 +431,9 @@ class _Edges:
                 parts.append(part)
         if not parts:
             parts = [[np.zeros((0, 2)), np.zeros(0, int), *np.zeros((3, 0))]]
-        pixels, number, *rest = (np.concatenate(part) for part in zip(*parts, strict=True))
-        on = _on_the_star(number, rest[1], rest[2], count)
-        return cls(pixels[on], number[on], *(part[on] for part in rest), np.array(widths))
+        pixels, number, sign, jump, far = map(np.concatenate, zip(*parts, strict=True))
+        on = _on_the_star(number, jump, far, count)
+        return cls(pixels[on], number[on], sign[on], np.array(widths))
 
 
 def _edges_on(light, lens, bend, seen, count, r, row, smear):

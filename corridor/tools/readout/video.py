@@ -110,13 +110,8 @@ def speed_from_video(
             f"{path.name} shows {turns:.1f} turns of the wheel, from which its speed follows to "
             f"{100 * sigma / abs(omega):.1g} % only: film two turns or more",
         )
-    return Speed(
-        abs(omega) / (2 * math.pi),
-        sigma / (2 * math.pi),
-        "cw" if omega > 0 else "ccw",
-        time,
-        warnings,
-    )
+    sense, turn = "cw" if omega > 0 else "ccw", 2 * math.pi
+    return Speed(abs(omega) / turn, sigma / turn, sense, time, warnings)
 
 
 def _read(path, fps):

@@ -15,7 +15,7 @@ Source: Zhou 2019, section 7.4.2.2.
 """
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -323,23 +323,11 @@ class _Lines:
 # --- the rotating picture, roughly ---------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class _Scan:
-    """How well a rate undoes the rotation: correlation of the spokes for every turn (samples,)."""
-
-    match: float
-    row: int
-    rate: float
-    step: float
-    broad: float
-    by_turn: np.ndarray = field(repr=False)
-
-
 def _hypotheses(light, still, pose, radii, wide, samples=2048):
     """Match, row, rate and turn: the best, and those with the wheel some spokes on."""
     circles = np.arange(0, len(radii), 3)
-    phi = np.arange(samples) * 2 * np.pi / samples
-    found = []
+    phi = wheel_view.directions(samples)
+    best = 0.0, 1, 0.0, 0.0, phi
     for row in (1, 0):
         values, rows = wheel_view.polar(light, pose, radii[circles], samples, row)
         limit = math.radians(200) / light.shape[1 - row]
@@ -355,17 +343,18 @@ def _hypotheses(light, still, pose, radii, wide, samples=2048):
                 unwound = _unwound(moving, rate * (rows - pose.axis[row]), phi)
                 total = np.fft.irfft((np.fft.rfft(unwound, axis=1) * spectrum).sum(axis=0), samples)
                 match = total.max() / (norm * math.sqrt((unwound**2).sum()) + 1e-9)
-                found.append(_Scan(match, row, rate, step, broad, total))
-    best = max(found, key=lambda one: one.match)
-    if best.match < 0.12:
+                if match > best[0]:
+                    best = match, row, rate, broad, total
+    match, row, rate, broad, total = best
+    if match < 0.12:
         return []
     hypotheses = []
     # Other multiples of a spoke, where they match about as well.
-    total, least = best.by_turn.copy(), 0.75 * best.by_turn.max()
-    guard = max(int(1.5 * best.broad * samples / (2 * np.pi)), 2)
+    least = 0.75 * total.max()
+    guard = max(int(1.5 * broad * samples / (2 * np.pi)), 2)
     while len(hypotheses) < 3 and total.max() >= least:
         top = int(np.argmax(total))
-        hypotheses.append((best.match, best.row, best.rate, phi[top]))
+        hypotheses.append((match, row, rate, phi[top]))
         total[np.arange(top - guard, top + guard + 1) % samples] = -np.inf
     return hypotheses
 

@@ -332,12 +332,8 @@ def _pictures(sums, solved, lag) -> pd.DataFrame:
     """Each picture's own similarity (eq. 6.2), and what the model leaves of it."""
     maps = sums.maps
     felt = sums.optics(lag)[0]
-    table = pd.DataFrame(
-        {
-            "picture": maps.picture, "time_s": maps.time_s,
-            "thermometer_c": maps.temperature_c, "optics_c": felt, "used": False,
-        }
-    )  # fmt: skip
+    table = pd.DataFrame({"picture": maps.picture, "time_s": maps.time_s})
+    table = table.assign(thermometer_c=maps.temperature_c, optics_c=felt, used=False)
     table.loc[sums.rows, "used"] = True
     order = np.argsort(maps.time_s, kind="stable")
     rate = np.full(len(table), np.nan)

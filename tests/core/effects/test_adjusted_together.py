@@ -41,8 +41,8 @@ def test_the_fused_kernel_models_what_the_forward_model_predicts(slugs):
     assert len(problem.row) == len(measured)
     assert np.abs(residual - expected[problem.row]).max() < 1e-9
     images = normal.view(state).images
-    antenna = normal.antenna(state, images)[0]
-    assert np.abs(antenna - modelled.gnss).max() < 1e-12
+    antenna = residuals("gnss", problem, state, images)
+    assert np.abs(antenna - (problem.gnss_given - modelled.gnss)).max() < 1e-12
     left = np.zeros((problem.image_count, 3))
     left[problem.attitude_image] = residuals("attitude", problem, state, images)
     measured = block.attitude_rotations @ modelled.attitude.transpose(0, 2, 1)
@@ -139,10 +139,9 @@ class Dense:
         pixels, _ = self.normal.residuals(state)
         view = self.normal.view(state)
         images, control = view.images, view.control_residual
-        antenna = p.gnss_given - self.normal.antenna(state, images)[0]
         parts = (
             pixels * np.broadcast_to(p.weight, len(pixels))[:, None],
-            antenna * np.sqrt(p.gnss_weight),
+            residuals("gnss", p, state, images) * np.sqrt(p.gnss_weight),
             control * np.sqrt(p.control_weight),
             residuals("attitude", p, state, images) * np.sqrt(p.attitude_weight),
             rig_rows(p, state).residual * np.sqrt(rig_rows(p, state).weight),

@@ -324,9 +324,8 @@ class TestDict:
         made.camera.loc[0, "sigma"] = float("inf")
         made.statistics["control"] = {"count": 0, "rms": np.full(3, np.nan), "outliers": 0}
         made.check_points = made.check_points.iloc[:0]
-        made.check_rms = made.check_mean = made.check_std = type(made.check_rms)(
-            *[float("nan")] * 3
-        )
+        unknown = type(made.check_rms)(*[float("nan")] * 3)
+        made.check_statistics = type(made.check_statistics)(unknown, unknown, unknown)
         found = report.adjustment_dict(made)
         text = json.dumps(found, allow_nan=False)
         assert json.loads(text) == found

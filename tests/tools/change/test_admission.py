@@ -85,6 +85,22 @@ class TestCoordinates:
         found = self.dates(dict(zip(names, sunk, strict=True)))
         assert not found.two_datums and found.differ.sum() == 4
 
+    @pytest.mark.parametrize("way", ["scaled", "turned", "tilted"])
+    def test_a_system_that_lies_otherwise_is_told_by_all_points(self, way):
+        """A projection scaled by 300 ppm, north that is 70 arc seconds off, a geoid that slopes:
+        most at the ends, 24 mm, and nothing in the median."""
+        points = two_dates.pair("rest", 0)[0].ground
+        away = points[["x", "y", "z"]] - points[["x", "y", "z"]].mean()
+        zero, size = np.zeros(len(away)), 3e-4
+        by = {
+            "scaled": size * away.to_numpy(),
+            "turned": size * np.column_stack([-away["y"], away["x"], zero]),
+            "tilted": size * np.column_stack([zero, zero, away["x"]]),
+        }[way]
+        noise = np.random.default_rng(8).normal(0, 1, (11, 3)) * [0.005, 0.005, 0.008]
+        (one,) = self.dates(dict(zip(points["point"], by + noise, strict=True))).objections()
+        assert "11 of 11 ground points" in one.what and "turned or scaled as a whole" in one.what
+
     def test_heights_of_another_system_are_refused_as_such(self):
         names = [f"C{k}" for k in range(6)] + [f"K{k}" for k in range(5)]
         found = self.dates(dict.fromkeys(names, (0.0, 0.0, 30.0)))

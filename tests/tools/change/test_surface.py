@@ -16,6 +16,7 @@ from corridor.tools.change import (
     surface_change,
     volume,
 )
+from corridor.tools.change.explanation import gathered
 from corridor.tools.change.registration import motions_at
 
 
@@ -65,6 +66,18 @@ def test_sampling_is_the_roughness_over_the_number_of_points(pair, cores):
     assert np.all(apart.sampling > 0.9 * lague)
     roughest = np.argmax(lague)
     assert apart.sampling[roughest] == pytest.approx(lague[roughest], rel=0.01)
+
+
+def test_a_cell_is_no_surer_than_its_own_few_points(pair, cores):
+    """That others hold many says nothing of how rough the ground is here."""
+    few = surface_change(pair, cores, sampled=True)
+    many = replace(few, count=few.count.copy())
+    few.count[0], many.count[0] = 5, 50
+    told = []
+    for surface in (few, many):
+        evidence = gathered(pair, None, surface, ())
+        told.append(evidence.freedom[evidence.cells[:, [0]].nonzero()[0]][0])
+    assert told[0] < 0.5 * told[1]
 
 
 def test_neighbouring_cells_err_together(pair, cores):

@@ -59,7 +59,7 @@ def test_rows_are_grouped_numbered_and_written_in_parts():
     codes = np.array([2, 0, 2, 2, 0])
     order, starts = grouped(codes, 4)
     assert order.tolist() == [1, 4, 0, 2, 3] and starts.tolist() == [0, 2, 2, 5, 5]
-    assert numbered(codes, 4).tolist() == [0, 0, 1, 2, 1]
+    assert numbered(codes).tolist() == [0, 0, 1, 2, 1]
     parts = [(part, at.tolist(), rows.tolist()) for part, at, rows in in_parts(order, starts, 3)]
     assert parts == [(slice(0, 3), [0, 2, 2, 5], [1, 4, 0, 2, 3]), (slice(3, 6), [0, 0], [])]
     words = in_rows(np.array([1, 2, 3, 4, 5]), np.array([0.5, 1.5, 2.5, 3.5, 4.5]))

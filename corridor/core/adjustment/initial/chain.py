@@ -163,14 +163,9 @@ def _part(network: Network) -> Block:
     ties, marks = rows[~marked], rows[marked]
 
     def seen(rows: np.ndarray) -> pd.DataFrame:
-        return pd.DataFrame(
-            {
-                "point": network.points[network.point[rows]],
-                "image": network.images[network.image[rows]],
-                "x": network.measured[rows, 0],
-                "y": network.measured[rows, 1],
-            }
-        )
+        point, image = network.points[network.point[rows]], network.images[network.image[rows]]
+        x, y = network.measured[rows].T
+        return pd.DataFrame({"point": point, "image": image, "x": x, "y": y})
 
     images = whole.images.iloc[posed].filter(["image", "camera", "flight"]).reset_index(drop=True)
     turn = quaternion_from_rotation(network.rotation[posed])

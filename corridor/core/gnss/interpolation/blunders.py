@@ -149,10 +149,7 @@ def singular_epochs(track: pd.DataFrame, pieces: pd.DataFrame) -> list[Singular]
         if len(part) < _FEWEST:
             continue
         time = part["time_s"].to_numpy(float)
-        for axis in "xyz":
-            sigma = np.zeros(len(part))
-            if f"s{axis}" in part:
-                sigma = np.nan_to_num(part[f"s{axis}"].to_numpy(float))
+        for axis, sigma in zip("xyz", stated_sigmas(part).T, strict=True):
             off, noise = _beside_cubic(time, part[axis].to_numpy(float), sigma)
             k = int(np.argmax(off))
             others = off[np.abs(np.arange(len(off)) - k) > _REACH].max(initial=0.0)

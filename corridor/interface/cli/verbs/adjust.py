@@ -29,7 +29,6 @@ printed.
 
 import argparse
 import sys
-import time
 
 from corridor.core.command import model as _model
 from corridor.core.command.options import announce_compilation, flag, say, wrote
@@ -113,37 +112,22 @@ def _run(options: argparse.Namespace) -> None:
     wrote(*adjustment.save(options.output, pictures, gis=options.gis, beside=beside))
 
 
-class _Line:
-    """One line of news that the next one replaces; on a terminal only, after two seconds."""
-
-    def __init__(self):
-        self.begun, self.shown = time.monotonic(), 0
-
-    def __call__(self, text: str) -> None:
-        """Show a text in place of the one before."""
-        if sys.stderr.isatty() and time.monotonic() - self.begun > 2.0:
-            print(f"\r{text:<{self.shown}}", end="", file=sys.stderr, flush=True)
-            self.shown = len(text)
-
-    def clear(self) -> None:
-        """Take the line away."""
-        if self.shown:
-            print("\r" + " " * self.shown, end="\r", file=sys.stderr, flush=True)
-            self.shown = 0
-
-
 class _Iterations:
     """News of the iterations: which one is under way, or with `verbose` what each has done."""
 
     def __init__(self, verbose: bool):
         self.verbose, self.begun = verbose, False
-        self.line = _Line()
 
     def __enter__(self):
+        from tqdm import tqdm
+
+        # One line that the next one replaces; on a terminal only, after two seconds.
+        line = {"bar_format": "{desc}", "delay": 2.0, "leave": False, "file": sys.stderr}
+        self.line = tqdm(disable=None, mininterval=0.0, miniters=1, **line)
         return self
 
     def __exit__(self, *_):
-        self.line.clear()
+        self.line.close()
 
     def __call__(self, progress) -> None:
         step = progress.result
@@ -151,7 +135,8 @@ class _Iterations:
             self.line.clear()
             say(progress)
         elif not self.verbose:
-            self.line(f"adjusting: iteration {progress.done} done")
+            self.line.set_description_str(f"adjusting: iteration {progress.done} done", False)
+            self.line.update()
         else:
             if not self.begun:
                 say(_COLUMNS)

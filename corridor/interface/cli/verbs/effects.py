@@ -64,13 +64,8 @@ def _usual(parameter):
 
 
 def _line(title, text):
-    return textwrap.fill(
-        text,
-        100,
-        initial_indent=f"  {title:10s} ",
-        subsequent_indent=" " * 13,
-        break_on_hyphens=False,
-    )
+    indent = {"initial_indent": f"  {title:10s} ", "subsequent_indent": " " * 13}
+    return textwrap.fill(text, 100, **indent, break_on_hyphens=False)
 
 
 def _runs(effect):

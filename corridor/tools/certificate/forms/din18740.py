@@ -133,8 +133,8 @@ def _check(subject: Subject) -> Table | None:
     if not len(subject.checked):
         return None
     rows = []
-    for name, part in (("RMS", adjusted.check_rms), ("mean", adjusted.check_mean),
-                       ("standard deviation", adjusted.check_std)):  # fmt: skip
+    names = ("RMS", "mean", "standard deviation")
+    for name, part in zip(names, adjusted.check_statistics, strict=True):
         rows.append((name, *(f"{1e3 * x:.1f}" if math.isfinite(x) else DASH for x in part)))
     header = (f"{len(subject.checked)} check points", "plan", "height", "3D")
     return Table("Check points together", header, tuple(rows), "lrrr",

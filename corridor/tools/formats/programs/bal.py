@@ -13,11 +13,10 @@ import numpy as np
 
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_vector
-from corridor.core.textfile import unpacked
 from corridor.tools.formats.columns import NumberLines
 from corridor.tools.formats.programs.bundler import BundlerArrays
 from corridor.tools.formats.project import Project
-from corridor.tools.formats.textfile import Following
+from corridor.tools.formats.textfile import Following, opening
 
 NAME = "bal"
 TITLE = "Bundle Adjustment in the Large"
@@ -29,12 +28,7 @@ def recognise(path: Path) -> bool:
     """A text file that begins with three counts and an observation of four numbers."""
     if not path.is_file() or path.suffix.lower() not in (".txt", ".bz2", ".gz", ".bal"):
         return False
-    try:
-        with unpacked(path) as file:
-            head = file.read(300).decode("utf-8-sig", errors="replace")
-    except (OSError, EOFError):
-        return False
-    return bool(_HEAD.match(head.replace("\r\n", "\n")))
+    return bool(_HEAD.match(opening(path, 300).replace("\r\n", "\n")))
 
 
 def read(path: Path, size: tuple[int, int] | None = None) -> Project:

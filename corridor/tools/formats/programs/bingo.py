@@ -78,7 +78,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     names = list(poses)
     cameras = {name: Camera.from_table(name, one) for name, one in table["camera"].items()}
     used = [_camera_of(name, table["images"]) for name in names]
-    notes, warnings = [], []
+    notes: list[str] = []
     crs = posed.get("crs")
     if crs is not None:
         in_metres(crs)
@@ -92,7 +92,6 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         ties=_views(folder / measured["file"], measured, names, used, cameras, notes),
         crs=crs,
         notes=notes,
-        warnings=warnings,
     ).project(NAME, folder)
 
 

@@ -13,14 +13,13 @@ import re
 from pathlib import Path, PurePosixPath
 
 import numpy as np
-import pandas as pd
 
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_angles
 from corridor.core.gnss import Local, convert, known_crs
 from corridor.core.textfile import Xml
 from corridor.tools.formats.cameras import NoModel, in_the_middle, opencv_camera, where_known
-from corridor.tools.formats.project import Contents, Project, Views, ground_table
+from corridor.tools.formats.project import Contents, Project, Views, gnss_table, ground_table
 from corridor.tools.formats.textfile import opening
 
 NAME = "blocksexchange"
@@ -49,20 +48,19 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     file = _file(path) or path
     root = Xml.read(file)
     notes: list[str] = []
-    warnings: list[str] = []
     blocks = root.all("Block")
     if not blocks:
         raise root.wrong("it holds no block; export the block again")
     if len(blocks) > 1:
         notes.append(f"{file.name} holds {len(blocks)} blocks; the first was read")
-    return _Block(root, blocks[0], notes, warnings).project(file)
+    return _Block(root, blocks[0], notes).project(file)
 
 
 class _Block:
     """A block, its photographs and the frame it is read into."""
 
-    def __init__(self, root: Xml, block: Xml, notes: list[str], warnings: list[str]):
-        self.notes, self.warnings, self._block = notes, warnings, block
+    def __init__(self, root: Xml, block: Xml, notes: list[str]):
+        self.notes, self._block = notes, block
         self._systems = {
             part.text("Id"): part.text("Definition")
             for part in root.all("SpatialReferenceSystems/SRS")
@@ -123,7 +121,6 @@ class _Block:
             local=self.local,
             crs=self._system if projected else None,
             notes=self.notes,
-            warnings=self.warnings,
         ).project(NAME, file, placed=self._system is not None)
 
     def _frame(self, places: np.ndarray) -> Local | None:
@@ -219,10 +216,7 @@ class _Block:
                 system = self._system_of(part, self._system)
                 sigma = [part.value(f"Accuracy/{axis}", np.nan) for axis in "xyz"]
                 rows.append((name, *self._framed(place, system)[0], *sigma))
-        if not rows:
-            return None
-        table = pd.DataFrame(rows, columns=["image", "x", "y", "z", "sx", "sy", "sz"])
-        return table.dropna(axis="columns", how="all")
+        return gnss_table(rows)
 
     # --- points -------------------------------------------------------------------------------
 

@@ -190,7 +190,7 @@ def _made_up(file, xy, image, notes):
 def write(block: Block, folder: Path, name: str) -> None:
     """Write bundle.out and list.txt."""
     rows = rows_of(block)
-    feature = numbered(rows.image, len(rows.image_names))
+    feature = numbered(rows.image)
     interior = np.array(
         [[block.cameras[c][k] for k in HOLDS.names] for c in block.images["camera"]]
     )

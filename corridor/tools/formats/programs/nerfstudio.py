@@ -92,12 +92,7 @@ def _camera(name, inner, notes, fisheye):
 
 
 def _matrix(frame: Json) -> np.ndarray:
-    """(4, 4) or (3, 4), camera to world."""
+    """(3, 4), camera to world, of its 4 rows, or of 3."""
     rows = frame.get("transform_matrix")
-    try:
-        matrix = np.array(rows, dtype=float)
-    except (TypeError, ValueError):
-        matrix = np.zeros(0)
-    if matrix.shape not in ((4, 4), (3, 4)) or not np.isfinite(matrix).all():
-        raise frame.wrong("has no transform_matrix of 4 rows of 4 numbers")
-    return matrix[:3]
+    short = isinstance(rows, list) and len(rows) == 3
+    return frame.numbers("transform_matrix", 12 if short else 16).reshape(-1, 4)[:3]

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from scipy.spatial import cKDTree
 
 from corridor.core.errors import InputError, some
@@ -35,6 +34,7 @@ from corridor.tools.formats.project import (
     Contents,
     Project,
     Views,
+    gnss_table,
     ground_table,
     hung_together,
 )
@@ -119,11 +119,17 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     return _with_rig(project, rig, _numbers(errors)) if rig.is_file() else project
 
 
+def _cells(path):
+    """Lines of a table between commas and their cells; none where there is no file."""
+    for line in filled(path) if path.is_file() else ():
+        yield line, [cell.strip() for cell in line.text.split(",")]
+
+
 def _numbers(path):
     """Image -> the number that its camera has; what is not there is not known."""
-    rows = [line.text.split(",") for line in filled(path)] if path.is_file() else []
-    known = rows and [cell.strip() for cell in rows[0][:2]] == ["imageName", "cameraIndex"]
-    return {row[0].strip(): row[1].strip() for row in rows[1:]} if known else {}
+    rows = [cells for _, cells in _cells(path)]
+    known = rows and rows[0][:2] == ["imageName", "cameraIndex"]
+    return {row[0]: row[1] for row in rows[1:]} if known else {}
 
 
 def _with_rig(project, path, numbers):
@@ -309,12 +315,9 @@ def _compare(names, centre, rotation, path, warnings):
 
 
 def _gnss(path, names, offset, notes):
-    if not path.is_file():
-        return None
     wanted = ["imageName", *(f"{axis}_{kind}" for kind in ("gps", "acc") for axis in "XYZ")]
     rows, at = [], None
-    for line in filled(path):
-        words = [word.strip() for word in line.text.split(",")]
+    for line, words in _cells(path):
         if at is None:
             if not set(wanted) <= set(words):
                 return None
@@ -325,21 +328,14 @@ def _gnss(path, names, offset, notes):
         if words[at[0]] in names:
             values = line.numbers([words[k] for k in at[1:]], "a position")
             rows.append((words[at[0]], *(values[:3] - offset), *values[3:]))
-    if not rows:
-        return None
-    notes.append("measured camera positions (X_gps, X_acc) became gnss.csv")
-    table = pd.DataFrame(rows, columns=["image", "x", "y", "z", "sx", "sy", "sz"])
-    sigma = table[["sx", "sy", "sz"]]
-    table[["sx", "sy", "sz"]] = sigma.where(sigma > 0)
-    return table
+    if rows:
+        notes.append("measured camera positions (X_gps, X_acc) became gnss.csv")
+    return gnss_table(rows)
 
 
 def _ground(path, offset):
-    if not path.is_file():
-        return None
     labels, places = [], []
-    for line in filled(path):
-        words = [word.strip() for word in line.text.split(",")]
+    for line, words in _cells(path):
         if line.at == 1:
             continue
         if len(words) < 4:

@@ -151,7 +151,7 @@ class _OpenMvg(_Spelling):
     def poses(self):
         return {
             key: np.column_stack(
-                [_numbers(value, "rotation", 9).reshape(3, 3), _numbers(value, "center", 3)]
+                [value.numbers("rotation", 9).reshape(3, 3), value.numbers("center", 3)]
             )
             for key, value in self._all("extrinsics")
         }
@@ -201,49 +201,37 @@ class _AliceVision(_Spelling):
         found = {}
         for row in self.whole.rows("poses", "pose") if self.whole.get("poses") else []:
             place = row.at("pose").at("transform")
-            turn = _numbers(place, "rotation", 9).reshape(3, 3).T
-            found[str(row.get("poseId"))] = np.column_stack([turn, _numbers(place, "center", 3)])
+            turn = place.numbers("rotation", 9).reshape(3, 3).T
+            found[str(row.get("poseId"))] = np.column_stack([turn, place.numbers("center", 3)])
         return found
 
     def interior(self, row: Json):
-        size = [float(_numbers(row, key, 1)[0]) for key in ("width", "height")]
+        size = [float(row.numbers(key, 1)[0]) for key in ("width", "height")]
         kind = str(row.get("distortionType") or row.get("type") or "pinhole")
         if row.get("type") not in (None, "pinhole", *_RADIAL):
             kind = str(row.get("type"))
         older = row.get("pxFocalLength")
         if older is not None:
-            focal = np.resize(_numbers(row, "pxFocalLength", np.size(older)), 2)
+            focal = np.resize(row.numbers("pxFocalLength", np.size(older)), 2)
         else:
-            ratio = float(_numbers(row, "pixelRatio", 1)[0]) if row.get("pixelRatio") else 1.0
-            focal = _numbers(row, "focalLength", 1) * size[0] * np.array([1.0, ratio])
-            focal /= _numbers(row, "sensorWidth", 1)
+            ratio = float(row.numbers("pixelRatio", 1)[0]) if row.get("pixelRatio") else 1.0
+            focal = row.numbers("focalLength", 1) * size[0] * np.array([1.0, ratio])
+            focal /= row.numbers("sensorWidth", 1)
         middle = np.array(size) / 2
         if row.get("principalPoint"):
             of_corner = tuple(map(int, self.whole.get("version") or (1, 2, 1))) < (1, 2, 1)
-            middle = _numbers(row, "principalPoint", 2) + (0 if of_corner else middle)
+            middle = row.numbers("principalPoint", 2) + (0 if of_corner else middle)
         given = row.get("distortionParams") or []
-        values = _numbers(row, "distortionParams", len(given)) if given else np.zeros(0)
+        values = row.numbers("distortionParams", len(given)) if given else np.zeros(0)
         return kind, size, focal, middle, values
 
     def points(self, row):
         def entries():
             for point in self.whole.rows("structure", "landmark"):
                 seen = [
-                    (str(one.get("observationId")), *_numbers(one, "x", 2))
+                    (str(one.get("observationId")), *one.numbers("x", 2))
                     for one in point.rows("observations", "observation")
                 ]
-                yield str(point.get("landmarkId")), _numbers(point, "X", 3), seen
+                yield str(point.get("landmarkId")), point.numbers("X", 3), seen
 
         return self._seen(row, entries() if self.whole.get("structure") else ())
-
-
-def _numbers(value: Json, key: str, count: int) -> np.ndarray:
-    """`count` finite numbers under a key, written as numbers or as text, nested or not."""
-    found = value.get(key)
-    try:
-        numbers = np.array(found, dtype=float).ravel()
-    except (TypeError, ValueError):
-        numbers = np.zeros(0)
-    if len(numbers) != count or not np.isfinite(numbers).all():
-        raise value.wrong(f"{key} is not {count} finite numbers")
-    return numbers

@@ -24,7 +24,17 @@ holds advice.txt, control.csv and control.png (where control is to be), plan.csv
 
 import argparse
 
-from corridor.core.command.options import checked, flag, number, option, say, several, whole, wrote
+from corridor.core.command.options import (
+    checked,
+    flag,
+    number,
+    option,
+    picked,
+    say,
+    several,
+    whole,
+    wrote,
+)
 
 MARK = "plan.json"
 
@@ -143,20 +153,10 @@ def run(options: argparse.Namespace) -> None:
     options.control = sorted(set(options.control or (0, 1, 3, 5)))
     options.goal = options.goal or [0.01, 0.03]
     noise = planning.GnssNoise(
-        sigma_m=options.gnss_sigma,
-        correlated=options.correlated[0],
-        correlation_s=options.correlated[1],
-        bias_m=options.bias,
-        bias_sigma_m=options.bias_sigma,
-        bias_per=options.bias_per,
+        options.gnss_sigma, *options.correlated, options.bias, options.bias_sigma, options.bias_per
     )
-    known = {
-        "noise": noise,
-        "lever_arm": options.lever_arm,
-        "effects": options.effect,
-        "priors": dict(options.prior),
-        "seed": options.seed,
-    }
+    known = {"noise": noise, "effects": options.effect, "priors": dict(options.prior)}
+    known |= picked(options, "lever_arm seed")
     from corridor.core.errors import InputError
 
     carried = None

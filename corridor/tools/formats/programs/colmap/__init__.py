@@ -17,7 +17,7 @@ import pandas as pd
 
 from corridor.core.block import Block
 from corridor.core.errors import InputError
-from corridor.tools.formats.cameras import NoModel, where_known
+from corridor.tools.formats.cameras import where_known
 from corridor.tools.formats.columns import grouped, numbered
 from corridor.tools.formats.names import in_any_case
 from corridor.tools.formats.programs.colmap import records
@@ -248,12 +248,7 @@ class _Model:
         return leaders
 
     def _camera(self, name):
-        try:
-            return camera_of(name, *self.cameras[int(name)], self.notes)
-        except NoModel:
-            raise
-        except InputError as error:
-            raise InputError(f"{self.folder}: {error}") from None
+        return camera_of(name, *self.cameras[int(name)], self.notes)
 
     def _poses(self):
         length = np.linalg.norm(self.pose[:, :4], axis=1)
@@ -364,7 +359,7 @@ def write(block: Block, folder: Path, name: str) -> None:
     with file(folder, "points3D", len(points)) as out:
         out.points(
             points, rows.positions, _mean_errors(rows, ends, by_point),
-            rows.image.astype(np.int64) + 1, numbered(rows.image, len(images)), by_point, ends,
+            rows.image.astype(np.int64) + 1, numbered(rows.image), by_point, ends,
         )  # fmt: skip
     write_rigs(block, folder, file, records, cameras)
     write_ground(block, points[rows.ties :], rows.point_names[rows.ties :], folder)

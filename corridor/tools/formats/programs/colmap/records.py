@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from corridor.core.errors import InputError
-from corridor.core.textfile import Line, lines, missing
+from corridor.core.textfile import Line, lines, read_bytes
 from corridor.tools.formats.columns import (
     NumberLines,
     in_groups,
@@ -73,10 +73,7 @@ class BinaryFile:
     def __init__(self, folder: Path, stem: str, warnings: list[str]):
         self.path, self._at, self.place = in_any_case(folder / f"{stem}.bin"), 0, ""
         self._kind = stem.rstrip("s").replace("points3D", "point")
-        try:
-            self._data = self.path.read_bytes()
-        except OSError as error:
-            raise missing(self.path, error) from error
+        self._data = read_bytes(self.path)
 
     def wrong(self, sentence: str) -> InputError:
         """The error that names file and record before the sentence."""

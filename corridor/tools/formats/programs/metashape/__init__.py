@@ -19,15 +19,14 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.spatial.transform import Rotation
 
 from corridor.core.camera import MODELS
 from corridor.core.errors import InputError, some
+from corridor.core.geometry import rotation_from_roll_pitch_yaw
 from corridor.core.gnss import GEOCENTRIC, GEOGRAPHIC, Local, convert, known_crs
 from corridor.core.output import counted
 from corridor.core.textfile import Xml
 from corridor.tools.formats.cameras import (
-    FLIP,
     Held,
     NoModel,
     camera_from,
@@ -43,9 +42,9 @@ from corridor.tools.formats.project import (
     Contents,
     Project,
     Views,
+    gnss_table,
     ground_table,
     hung_together,
-    points_table,
     rotations_to_columns,
 )
 from corridor.tools.formats.textfile import opening
@@ -494,8 +493,7 @@ def _project(chunk, cloud, path, notes, warnings):
     reference[have] = world.points(measured.place[have], crs)
     taken = have & np.isfinite(measured.angle).all(axis=1) & (not known.any())
     if taken.any():
-        turned = Rotation.from_euler("ZXY", measured.angle[taken] * [-1, 1, 1], degrees=True)
-        rotation[taken] = FLIP @ turned.as_matrix().transpose(0, 2, 1)
+        rotation[taken] = rotation_from_roll_pitch_yaw(measured.angle[taken][:, ::-1], "body")
         centre[taken] = reference[taken]
         notes.append(
             f"{int(taken.sum())} cameras are not aligned: their poses are the measured positions "
@@ -705,13 +703,7 @@ def _gnss(names, reference, measured, have, notes):
     if unused.any():
         notes.append(f"{int(unused.sum())} measured camera positions are switched off: left out")
     rows = np.flatnonzero(have & measured.enabled)
-    if not len(rows):
-        return None
-    table = points_table([names[k] for k in rows], reference[rows])
-    table = table.rename(columns={"point": "image"})
-    if np.isfinite(measured.sigma[rows]).any():
-        table[["sx", "sy", "sz"]] = measured.sigma[rows]
-    return table
+    return gnss_table([(names[k], *reference[k], *measured.sigma[k]) for k in rows])
 
 
 def _called(chunk):

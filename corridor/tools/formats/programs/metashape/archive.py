@@ -9,6 +9,7 @@ Source: as found on real projects of PhotoScan 1.2 to Metashape 2.3.
 """
 
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -25,6 +26,9 @@ _PLY = {
     "int32": "<i4", "uint": "<u4", "uint32": "<u4", "uchar": "u1", "uint8": "u1", "char": "i1",
     "short": "<i2", "ushort": "<u2",
 }  # fmt: skip
+_DAMAGED = (
+    zipfile.BadZipFile, zlib.error, KeyError, EOFError, NotImplementedError, OSError,
+)  # fmt: skip
 Members = Callable[[str], bytes]
 
 
@@ -40,17 +44,13 @@ class Archive:
     def __exit__(self, kind, error, trace) -> None:
         if isinstance(error, InputError):
             return
-        name = self._at.name
         if isinstance(error, FileNotFoundError):
             raise missing(self._at, error) from error
-        if isinstance(
-            error, zipfile.BadZipFile | KeyError | EOFError | NotImplementedError | OSError
-        ):
+        if isinstance(error, _DAMAGED):
             raise InputError(
-                f"{name} is damaged or no archive of Metashape ({error}); save the project again"
+                f"{self._at.name} is damaged or no archive of Metashape ({error}); save the "
+                "project again"
             ) from None
-        if isinstance(error, zipfile.zlib.error):
-            raise InputError(f"{name} is damaged ({error}); save the project again") from None
 
     def document(self) -> Xml:
         """The document of the project: of a .psx that of the project.zip it names."""

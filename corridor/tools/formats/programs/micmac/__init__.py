@@ -19,7 +19,7 @@ import pandas as pd
 
 from corridor.core.camera import INTERIOR, Camera
 from corridor.core.errors import InputError
-from corridor.core.textfile import Xml, missing
+from corridor.core.textfile import Xml, read_bytes
 from corridor.tools.formats.cameras import (
     Held,
     NoModel,
@@ -467,10 +467,7 @@ def _pair_texts(files):
 
 
 def _with_end(path):
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise missing(path, error) from error
+    text = read_bytes(path)
     return text if text.endswith(b"\n") else text + b"\n"
 
 

@@ -26,7 +26,7 @@ from corridor.tools.formats.ground import Ground, add_to
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.programs.opensfm.writing import HEADER, MAIN, WIDTH
 from corridor.tools.formats.programs.opensfm.writing import write as write
-from corridor.tools.formats.project import Contents, Project, Views, ground_table
+from corridor.tools.formats.project import Contents, Project, Views, gnss_table, ground_table
 from corridor.tools.formats.textfile import Json, opening
 
 NAME = "opensfm"
@@ -63,7 +63,6 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         main = path / "opensfm" / MAIN
     folder = main.parent
     notes: list[str] = []
-    warnings: list[str] = []
     whole = _largest(Json.read(main), notes)
     shots = whole.objects("shots", "shot")
     used = [shot.text("camera") for shot in shots.values()]
@@ -89,7 +88,6 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         gnss=_gnss(whole, shots, notes),
         local=local,
         notes=notes,
-        warnings=warnings,
     ).project(NAME, main, placed=local is not None)
     ground = folder / "ground_control_points.json"
     return (
@@ -175,9 +173,7 @@ def _gnss(whole, shots, notes):
         dop = shot.get("gps_dop")
         dop = dop if isinstance(dop, (int, float)) and np.isfinite(dop) and dop > 0 else np.nan
         rows.append((name, *shot.numbers("gps_position", 3), dop, dop, dop))
-    if not rows:
-        return None
-    biases = whole.get("biases")
+    biases = whole.get("biases") if rows else None
     shifted = [
         name
         for name, bias in (biases.items() if isinstance(biases, dict) else ())
@@ -188,9 +184,7 @@ def _gnss(whole, shots, notes):
             f"OpenSfM estimated a bias of the GPS of {', '.join(shifted)}: gnss.csv holds the "
             "positions as they were measured"
         )
-    return pd.DataFrame(rows, columns=["image", "x", "y", "z", "sx", "sy", "sz"]).dropna(
-        axis="columns", how="all"
-    )
+    return gnss_table(rows)
 
 
 def _points(whole):
@@ -270,14 +264,11 @@ def _tracks(path, images, used, points, whole, notes):
 
 
 def _codes(column, known):
-    known = pd.Index(known, dtype="str")
-    out = np.empty(len(column), dtype=np.int32)
-    row = 0
-    for chunk in column.chunks:
-        place = known.get_indexer(pd.Index(chunk.dictionary.to_pandas(), dtype="str"))
-        out[row : row + len(chunk)] = place[chunk.indices.to_numpy()]
-        row += len(chunk)
-    return out
+    column = column.unify_dictionaries()
+    names = column.chunk(0).dictionary.to_pandas() if column.num_chunks else []
+    place = pd.Index(known, dtype="str").get_indexer(pd.Index(names, dtype="str"))
+    codes = [place[chunk.indices.to_numpy()] for chunk in column.chunks]
+    return np.concatenate([np.zeros(0, np.int32), *codes]).astype(np.int32)
 
 
 def _bad_track(path, width, skip, error):

@@ -116,7 +116,7 @@ def _write_tracks(rows, xy, path):
     point = pa.DictionaryArray.from_arrays(
         rows.point[part].astype(np.int32), pa.array(rows.point_names[: rows.ties], pa.string())
     )
-    feature = numbered(rows.image[part], len(rows.image_names))
+    feature = numbered(rows.image[part])
     same = [pa.array(np.full(len(xy), value)) for value in (0.001, 128, 128, 128, -1, -1)]
     table = pa.table(
         [image.cast(pa.string()), point.cast(pa.string()), feature, xy[:, 0], xy[:, 1], *same],
