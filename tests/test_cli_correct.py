@@ -1,6 +1,7 @@
 """`corridor correct`: a block in, the block without an effect out."""
 
 import json
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -148,3 +149,21 @@ def test_a_value_is_a_number_and_given_once(folder, tmp_path, capsys, words, sai
     every = [word for one in words for word in ("--effect", one)]
     assert main(["correct", str(folder), *every, "-o", str(tmp_path / "out")]) == 2
     assert said in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
+def test_a_block_of_which_nothing_was_taken_out_is_not_replaced(folder, tmp_path, capsys):
+    words = ["correct", str(folder), "--effect", "rolling_shutter:readout=0.03", "-o"]
+    assert main([*words, str(tmp_path / "out")]) == main([*words, str(tmp_path / "out")]) == 0
+    other = tmp_path / "measured"
+    shutil.copytree(folder, other)
+    capsys.readouterr()
+    assert main([*words, str(other)]) == 2
+    assert "nothing was taken out" in capsys.readouterr().err
+
+
+def test_a_block_in_the_folder_that_would_be_replaced_is_kept(folder, tmp_path, capsys):
+    result = tmp_path / "result"
+    shutil.copytree(folder, result / "block")
+    (result / "adjustment.json").write_text('{"files": ["block/block.toml"]}', encoding="utf-8")
+    assert main(["adjust", str(result / "block"), "-o", str(result)]) == 2
+    assert "holds what is read, and would be replaced" in capsys.readouterr().err

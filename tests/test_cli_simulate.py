@@ -173,3 +173,27 @@ class TestLikeAMeasuredBlock:
             adjusted.effects["value"].iloc[0], abs=adjusted.effects["sigma"].iloc[0]
         )
         assert effects["gnss_bias"] == {"z": 0.5}
+
+
+def test_a_measured_block_is_not_replaced_by_a_simulated_one(plan, tmp_path, capsys):
+    out = tmp_path / "flown"
+    words = ["simulate", str(plan), "-o", str(out)]
+    assert main(words) == main(words) == 0
+    (tmp_path / "flown.truth.json").unlink()  # as of a block that somebody measured
+    before = (out / "images.csv").read_bytes()
+    assert main([*words, "--seed", "1"]) == 2
+    assert "flown.truth.json" in capsys.readouterr().err
+    assert (out / "images.csv").read_bytes() == before
+
+
+def test_times_in_milliseconds_are_refused(plan, tmp_path, capsys):
+    words = ["simulate", str(plan), "--effect", "rolling_shutter:readout=25"]
+    assert main([*words, "-o", str(tmp_path / "b")]) == 2
+    assert "25 ms are 0.025" in capsys.readouterr().err
+
+
+def test_the_settings_of_a_block_are_called_no_plan(plan, tmp_path, capsys):
+    out = tmp_path / "flown"
+    assert main(["simulate", str(plan), "-o", str(out)]) == 0
+    assert main(["simulate", str(out / "block.toml"), "-o", str(tmp_path / "b")]) == 2
+    assert "--like BLOCK" in capsys.readouterr().err

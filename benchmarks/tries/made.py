@@ -15,6 +15,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pandas as pd
 from PIL import Image
 
 import corridor
@@ -71,6 +72,11 @@ offsets_m = [-20, 0, 20]
 images = 29
 forward = 0.8
 """
+XMP = (
+    '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-'
+    'syntax-ns#"><rdf:Description xmlns:a="http://made/1.0/" a:GpsLatitude="%.9f" '
+    'a:GpsLongitude="%.9f"/></rdf:RDF></x:xmpmeta>'
+)
 Q = ("qw", "qx", "qy", "qz")
 CROSS = """\
 name = "cross"
@@ -576,7 +582,7 @@ def _photographs(home: Path, block: Block) -> None:
     start = datetime(1980, 1, 6) + timedelta(weeks=WEEK)
 
     def folder_of(
-        name, zone=None, decimals=True, skip=(), marks=True, media=False, local_s=-LEAP_S
+        name, zone=None, decimals=True, skip=(), marks=True, media=False, local_s=-LEAP_S, xmp=None
     ):
         folder = home / name
         for k, (image, t) in enumerate(
@@ -594,7 +600,13 @@ def _photographs(home: Path, block: Block) -> None:
                 own[36881] = zone
             place = folder / (f"{100 + k // 15}MEDIA" if media else ".")
             place.mkdir(parents=True, exist_ok=True)
-            Image.fromarray(picture).save(place / image, exif=exif, quality=30)
+            more = {}
+            if xmp:
+                lon, lat, height = PLACE.to_geographic(block.poses[k - 1 : k, :3])[0]
+                gps = {1: "N", 2: (lat, 0.0, 0.0), 3: "E", 4: (lon, 0.0, 0.0), 6: height}
+                exif.get_ifd(0x8825).update(gps)
+                more = {"xmp": (XMP % xmp(lat, lon)).encode()}
+            Image.fromarray(picture).save(place / image, exif=exif, quality=30, **more)
         if marks:
             shutil.copy(home / "gnss" / "flight.MRK", folder / "DJI_Timestamp.MRK")
 
@@ -603,6 +615,8 @@ def _photographs(home: Path, block: Block) -> None:
     folder_of("photos_media", media=True)
     folder_of("photos_zone", zone="+02:00", marks=False, local_s=2 * 3600 - LEAP_S)
     folder_of("photos_no_zone", marks=False, local_s=2 * 3600 - LEAP_S)
+    folder_of("photos_zero", marks=False, xmp=lambda lat, lon: (0.0, 0.0))
+    folder_of("photos_two", marks=False, xmp=lambda lat, lon: (lat + 1e-4, lon))
     folder_of("photos_seconds", decimals=False, marks=False, local_s=0.0)
 
 
@@ -648,6 +662,25 @@ def _series(folder: Path) -> None:
     (folder / "none" / "about.json").write_text(json.dumps({}), encoding="utf-8")
 
 
+def _changed_tables(home: Path) -> None:
+    """Names and numbers as a spreadsheet or another program leaves them."""
+    for name in ("spreadsheet_names", "shares", "milliseconds", "other_heights"):
+        shutil.copytree(home / "own", home / name, dirs_exist_ok=True)
+
+    def changed(block, table, **columns):
+        path = home / block / f"{table}.csv"
+        rows = pd.read_csv(path, dtype={"point": str})
+        rows.assign(**columns).to_csv(path, index=False)
+
+    changed("spreadsheet_names", "ground", point=lambda t: t["point"].str.replace("G", "0"))
+    number = lambda t: t["point"].str.replace("G", "").astype(float).astype(str)  # noqa: E731
+    changed("spreadsheet_names", "marks", point=number)
+    changed("shares", "marks", x=lambda t: t["x"] / 1056, y=lambda t: t["y"] / 792)
+    changed("milliseconds", "images", time_s=lambda t: 1000 * t["time_s"])
+    for table in ("images", "points", "ground", "gnss"):
+        changed("other_heights", table, z=lambda t: t["z"] - GEOID_M)
+
+
 def _strange(home: Path, grid: Block) -> None:
     """What is no project, no track or no sound block, as people have it lying about."""
     folder = home / "strange"
@@ -665,6 +698,7 @@ def _strange(home: Path, grid: Block) -> None:
     head = ["Project: x", "Program: GrafNav Version 8.90", "", "Week GPSTime Latitude"]
     _text(home / "gnss" / "units.txt", *head, "(weeks) (sec) (deg) (m) (m)", f"{WEEK} 1 49.0")
     _text(home / "gnss" / "other.csv", "Timestamp,Lat,Lon,Alt,Quality", "1.5,49.0,8.5,160,Fixed")
+    _changed_tables(home)
     for name in ("attitude_zero", "rig_alone", "cx_middle"):
         shutil.copytree(home / "own", home / name, dirs_exist_ok=True)
     image = grid.images["image"].iloc[0]

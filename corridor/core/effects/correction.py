@@ -47,7 +47,7 @@ def correct(
             (given[slug],) = Values.read(source, block, [slug]).values()
     block, found = _with_motion(block, given, velocity, turning)
     stated = Values.of(block, {name: mine or None for name, mine in given.items()})
-    _seconds(block, given, stated)
+    refuse_milliseconds(block, given, stated)
     out = block.copy()
     record_correction(out, stated.plain(), [*found, *notes])
     remedy = "run `corridor adjust` first and correct OUT/block"
@@ -62,8 +62,8 @@ def correct(
     return take_out(out, given)
 
 
-def _seconds(block: Block, given: Mapping, stated: Values) -> None:
-    """Refuse times that are plainly milliseconds: a hundred times what the effect may be."""
+def refuse_milliseconds(block: Block, given: Mapping, stated: Values) -> None:
+    """Refuse times that are plainly milliseconds: a hundred times what an effect may be."""
     for slug, one in stated.items():
         plain = given[slug] if isinstance(given.get(slug), Mapping) else {}
         for parameter in one.effect.parameters(block):

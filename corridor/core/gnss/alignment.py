@@ -24,6 +24,8 @@ from corridor.core.gnss.track import GEOCENTRIC, GEOGRAPHIC, Track
 # A shift of the clock is believed where the positions then fit this much better.
 _CLEARLY_BETTER = 0.3
 _CLEARLY_OFF_M = 5.0
+# No receiver on a drone logs more slowly: 30 s is the interval of permanent stations.
+_SLOWEST_LOG_S = 30.0
 # Leap seconds taken for none at all, one too few or too many, or two.
 _MISCOUNTS = ((1, 0), (0, 1), (1, -1), (1, 1), (0, 2))
 # Positions that differ by so many sigmas contradict each other; where nobody states one, the
@@ -123,6 +125,12 @@ def _inside(track: Track, time: np.ndarray) -> np.ndarray:
 
 def _check_overlap(track, exposures, systems, time, bare, notes) -> None:
     inside = _inside(track, time)
+    apart = float(np.median(np.diff(track.table["time_s"]))) if len(track.table) > 1 else 0.0
+    if bare and apart > _SLOWEST_LOG_S:
+        raise InputError(
+            f"{track.source.name}: its epochs are {apart:g} s (median) apart, between which no "
+            "flight can be interpolated: is time_s in milliseconds? Write seconds"
+        )
     if inside.all():
         return
     leap = float(leap_seconds(track.day or "2017-01-01"))

@@ -75,7 +75,8 @@ def about_the_middle(block: Block) -> Local:
     if block.crs is None:
         raise InputError(
             "nothing says where on Earth the project's coordinates are; name their system with "
-            "--crs, or give --photos whose positions place it"
+            "--crs of `corridor import` (crs in block.toml), or give it --photos whose positions "
+            "place it"
         )
     places = places_of(block)
     known = places[np.isfinite(places).all(axis=1)]

@@ -43,7 +43,8 @@ def facts_of(picture: Image.Image) -> tuple[dict[str, Any], bytes | None, bytes 
     per_mm, unit = _positive(inner.get(41486)), _MM.get(inner.get(_PLANE_UNIT, 2))
     wide, high = _positive(inner.get(40962)), _positive(inner.get(40963))
     height = _number(gps.get(6))
-    if height is not None and gps.get(5) in (1, b"\x01", "1"):
+    # 1: below the sea; of EXIF 3.0, which knows the ellipsoid, 3 as well.
+    if height is not None and gps.get(5) in (1, 3, b"\x01", b"\x03", "1", "3"):
         height = -height
     facts = {
         "make": _text(tags.get(271)),

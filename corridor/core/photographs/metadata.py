@@ -27,8 +27,9 @@ class Metadata:
     sigma: east, north, up, m. flag: DJI's quality. yaw, pitch, roll: degrees of the gimbal or the
     camera, as written: the yaw of some gimbals counts from the airframe's, `flight_yaw`, which
     counts from north. serial: of the body. temperature_c and what it is of. velocity: east, north,
-    up, m/s, and what says so. gyro: samples us, x, y, z (rad/s, axes of the maker). line_ns: time
-    of a row as the header says. tags: every XMP entry as text.
+    up, m/s, and what says so. apart_m: horizontally, from EXIF's position to
+    XMP's. gyro: samples us, x, y, z (rad/s, axes of the maker). line_ns: time of a row as the
+    header says. tags: every XMP entry as text.
     """
 
     path: Path
@@ -58,6 +59,7 @@ class Metadata:
     velocity: tuple[float, float, float] | None = None
     velocity_of: str = ""
     line_ns: float | None = None
+    apart_m: float | None = None
     gyro: np.ndarray | None = None
     tags: dict[str, str] = field(default_factory=dict)
 
@@ -137,10 +139,25 @@ def read_metadata(
             "of the folder"
         ) from None
     noted = maker_note.facts_of(note) if "dji" in facts["make"].lower() else {}
+    told = xmp.facts_of(tags)
+    for each in (facts, told):
+        lat, lon = each.get("lat_deg"), each.get("lon_deg")
+        if lat is None or lon is None:
+            continue
+        if abs(lat) > 90 or abs(lon) > 180 or (lat, lon) == (0.0, 0.0):
+            each |= {"lat_deg": None, "lon_deg": None, "height": None}
+    if told.get("lat_deg") is not None and facts.get("lat_deg") is not None:
+        facts["apart_m"] = _apart(facts, told)
     # Of two that speak, XMP is the more precise.
-    for more in (noted, xmp.facts_of(tags)):
+    for more in (noted, told):
         facts |= {name: value for name, value in more.items() if value is not None}
-    lat, lon = facts.get("lat_deg"), facts.get("lon_deg")
-    if lat is None or lon is None or abs(lat) > 90 or abs(lon) > 180 or (lat, lon) == (0.0, 0.0):
-        facts |= {"lat_deg": None, "lon_deg": None, "height": None}
+    if facts.get("lat_deg") is None:
+        facts["height"] = None
     return Metadata(path, width, height, tags=tags, **facts)
+
+
+def _apart(one: dict, other: dict) -> float:
+    """Metres between two positions, as on a sphere whose degree is 111 km."""
+    north = other["lat_deg"] - one["lat_deg"]
+    east = (other["lon_deg"] - one["lon_deg"]) * np.cos(np.radians(one["lat_deg"]))
+    return float(111_195.0 * np.hypot(north, east))

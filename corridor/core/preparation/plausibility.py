@@ -3,6 +3,7 @@
 Each doubt is one sentence with the likely cause. Nothing here stops anything: a block may be odd.
 """
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
@@ -48,9 +49,9 @@ _PLACES, _ELSEWHERE = 3, 0.2
 # Drones and small aircraft fly no higher above ground, m.
 _HIGHEST_M = 3000.0
 _FOOT_M = 0.3048
-# No camera that works is hotter; a distance is another when it is longer or shorter by this much
-# (logarithm), which no survey's error is.
-_HOTTEST_C, _OTHER_LENGTH = 120.0, 0.2
+# No camera that works is hotter (industrial range of electronics), which is 185 F; a distance is
+# another when it is longer or shorter by this much (logarithm), which no survey's error is.
+_HOTTEST_C, _HOTTEST_F, _OTHER_LENGTH = 85.0, 185.0, 0.2
 # Units that lengths are given in by mistake, m; a ratio this near to theirs is taken for it.
 UNITS_M = {"feet": _FOOT_M, "centimetres": 1e-2, "millimetres": 1e-3, "kilometres": 1e3}
 _OF_UNIT = 0.02
@@ -69,6 +70,7 @@ def plausibility_warnings(block: Block) -> list[str]:
         *_units(block),
         *rig_warnings(block),
         *_passed_over(block),
+        *_other_spelling(block),
         *motion_warnings(block),
     ]
 
@@ -87,6 +89,28 @@ def _passed_over(block: Block) -> Iterator[str]:
         near = get_close_matches(stem.lower().replace("-", "_"), lacking, 1, _ALIKE)
         if near and name not in (f"{near[0]}.csv", f"{near[0]}.parquet"):
             yield f"{name} is not read: a block has {near[0]}.csv (or {near[0]}.parquet)."
+
+
+def _other_spelling(block: Block) -> Iterator[str]:
+    """Ground points that no image shows, where marks of nearly that name are of no ground point."""
+    given, seen = set(block.ground["point"]), set(block.marks["point"])
+    alike: dict[str, list[str]] = {}
+    for name in seen - given:
+        alike.setdefault(_plain(name), []).append(name)
+    found = [(name, alike.get(_plain(name), [])) for name in sorted(given - seen)]
+    pairs = [(name, others[0]) for name, others in found if len(others) == 1]
+    if pairs:
+        name, other = pairs[0]
+        yield (
+            f"Is {name!r} of ground.csv {other!r} of marks.csv? Names written in two ways are two "
+            f"points ({counted(len(pairs), 'such pair')}): write one name."
+        )
+
+
+def _plain(name: str) -> str:
+    """A name as a spreadsheet or another program may have changed it: `001`, `1`, `1.0`."""
+    name = re.sub(r"(?<![\d.])0+(?=\d)", "", re.sub(r"\.0+$", "", name.casefold()))
+    return re.sub(r"[\s_-]+", "", name)
 
 
 # --- block.toml -------------------------------------------------------------------------------
@@ -124,9 +148,10 @@ def _units(block: Block) -> Iterator[str]:
     """Temperatures in kelvin, distances that are not those between their ends in ground.csv."""
     warm = block.column("images", "temperature_c")
     if np.isfinite(warm).any() and np.nanmedian(warm) > _HOTTEST_C:
+        kelvin = np.nanmedian(warm) > _HOTTEST_F
         yield (
             f"images.csv: temperature_c is {np.nanmedian(warm):.0f} (median), hotter than a camera "
-            "that works: is it in kelvin? Subtract 273.15."
+            f"that works: is it in {'kelvin? Subtract 273.15.' if kelvin else 'Fahrenheit?'}"
         )
     if not len(block.distances):
         return
@@ -164,6 +189,12 @@ def _pictures(block: Block) -> Iterator[str]:
     users = {}
     if len(cameras) > 1:
         users = {table: block.image_camera[block.image_rows(table)] for table in tables}
+    for table, axes in pixels.items():
+        if len(axes[0]) > 2 and all(np.abs(axis).max() <= 1.0 for axis in axes):
+            yield (
+                f"All x and y of {table}.csv lie between -1 and 1: are they shares of the picture, "
+                "or focal lengths? Write pixels."
+            )
     for n, camera in enumerate(cameras):
         size = np.array([camera.width, camera.height], dtype=float)
         mine = {

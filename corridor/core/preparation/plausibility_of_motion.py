@@ -34,13 +34,33 @@ class _Pairs(NamedTuple):
 
 # A way so many times as long as another, of so many images, is none that was flown.
 _TO_AND_FRO, _FEWEST = 2.0, 8
+# No flight, and no walk from tripod to tripod, goes so far only in so long.
+_ONE_PLACE_M, _BETWEEN_S = 1.0, 600.0
 
 
 def motion_warnings(block: Block) -> list[str]:
     """Sentences on times and velocities that are probably a mistake."""
+    slow = [*_milliseconds(block)]
     backwards = [*_backwards(block), *_track_backwards(block), *_disordered(block)]
     # Times that run backwards turn every velocity round.
-    return backwards or velocity_warnings(block)
+    return slow or backwards or velocity_warnings(block)
+
+
+def _milliseconds(block: Block) -> Iterator[str]:
+    """Flights that would need ten minutes and more from one photograph to the next place."""
+    time, centre = block.column("images", "time_s"), block.numbers("images", *"xyz")
+    known = np.isfinite(time) & np.isfinite(centre).all(axis=1)
+    for flight, called in enumerate(block.flight_names):
+        mine = np.flatnonzero((block.image_flight == flight) & known)
+        mine = mine[np.argsort(time[mine], kind="stable")]
+        step = np.linalg.norm(np.diff(centre[mine], axis=0), axis=1)
+        if len(mine) < _FEWEST or np.median(step) < _ONE_PLACE_M:
+            continue
+        if (between := float(np.median(np.diff(time[mine])))) > _BETWEEN_S:
+            yield (
+                f"images.csv: the images of flight {called} are {between:,.0f} s (median) apart: "
+                "is time_s in milliseconds? Write seconds."
+            )
 
 
 def _backwards(block: Block) -> Iterator[str]:

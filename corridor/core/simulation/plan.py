@@ -437,6 +437,11 @@ def _read(path: Path) -> Plan:
         raise InputError(f"{path} is not UTF-8: save it as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path} is not valid TOML: {error}") from error
+    if path.name == "block.toml" and "flight" not in table:
+        raise InputError(
+            f"{path} is of a block, no plan: `corridor simulate --like BLOCK` "
+            "makes the counterpart of a block"
+        )
     try:
         return _plan(path.stem, table)
     except InputError as error:

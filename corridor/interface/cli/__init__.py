@@ -135,11 +135,14 @@ def _check_output(options: argparse.Namespace) -> None:
     mark = getattr(sys.modules[options.run.__module__], "MARK", None)
     if mark is not None:
         check_folder(output, mark)
-        given = [each for name, each in vars(options).items() if name != "output"]
-        every = [path for each in given for path in (each if isinstance(each, list) else [each])]
-        if any(isinstance(path, Path) and path.resolve() == output.resolve() for path in every):
+    given = [each for name, each in vars(options).items() if name != "output"]
+    every = [path for each in given for path in (each if isinstance(each, list) else [each])]
+    goal = Path(output).resolve()
+    for path in (path.resolve() for path in every if isinstance(path, Path)):
+        if path == goal or (mark is not None and path.is_dir() and goal in path.parents):
+            what, kind = "is" if path == goal else "holds", "folder" if goal.is_dir() else "file"
             raise InputError(
-                f"{output} is what is read, and would be replaced; name another folder with -o"
+                f"{output} {what} what is read, and would be replaced; name another {kind} with -o"
             )
 
 

@@ -37,6 +37,8 @@ def verify(certificate: str | os.PathLike, block: str | os.PathLike) -> Verified
     Raises InputError for what is no certificate, AdjustmentFailed where the block does not adjust.
     """
     path = Path(certificate)
+    if (path / "block.toml").is_file():
+        raise InputError(f"{path} is a block: give the certificate first, then the block")
     if path.is_dir():
         path = path / NAMES[0]
     try:

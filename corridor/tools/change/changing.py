@@ -47,7 +47,7 @@ from corridor.tools.change.explanation import (
     explained_again,
     gathered,
 )
-from corridor.tools.change.joint import Joint
+from corridor.tools.change.joint import Joint, control_of_both
 from corridor.tools.change.layers import layers, level, rougher, smoothest, typical
 from corridor.tools.change.matching import without_gross_ties
 from corridor.tools.change.points import point_changes
@@ -73,6 +73,11 @@ _NO_COMMON_CONTROL = (
     "No control point is common to both dates: a constant error of the GNSS of either date moves "
     "everything and is in no standard deviation. State how large it may be (--gnss-bias 0.02), or "
     "measure control that stands still at both dates."
+)
+_ANEW = (
+    "Control points have other coordinates at the second date ({}), so they count as surveyed anew "
+    "and the errors of both surveys are in the standard deviations: if it was one survey, give "
+    "both dates the same coordinates."
 )
 
 
@@ -132,8 +137,11 @@ def change(
     compared, remaining, explanation = run.explained(compared)
     objections = [] if surveys is None else list(surveys.objections())
     objections += _objections(remaining or compared, run.model)
-    if not compared.joint.common_control and asked.bias is None and asked.datum == "stated":
-        notes.append(_NO_COMMON_CONTROL)
+    # In one adjustment what stands still is common to both dates.
+    tied = compared.joint.common_control or (asked.together and run.stable)
+    if not tied and asked.bias is None and asked.datum == "stated":
+        anew = [] if asked.together else control_of_both(compared.joint.epochs)
+        notes.append(_ANEW.format(", ".join(anew)) if anew else _NO_COMMON_CONTROL)
     epochs = (remaining or compared).joint.epochs
     notes += (
         strips_apart(epoch.overdispersion, date)

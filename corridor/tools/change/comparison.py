@@ -9,11 +9,10 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 from scipy.spatial import cKDTree
 
 from corridor.core.adjustment import Adjustment, gnss_of_metres, listed
-from corridor.core.block import Block
+from corridor.core.block import Block, Layout, read_columns
 from corridor.core.errors import InputError
 from corridor.tools.change.cores import Cores
 from corridor.tools.change.joint import Joint
@@ -123,11 +122,7 @@ def read_line(path: str | os.PathLike) -> np.ndarray:
     path = Path(path)
     if not path.is_file():
         raise InputError(f"{path}: there is no such file; give a CSV table with x and y")
-    try:
-        table = pd.read_csv(path)
-        corners = table[["x", "y"]].to_numpy(float)
-    except (KeyError, ValueError, pd.errors.ParserError):
-        raise InputError(f"{path}: no table with the columns x and y, numbers in metres") from None
+    corners = read_columns(path, Layout(("x", "y")))[["x", "y"]].to_numpy(float)
     wrong = np.flatnonzero(~np.isfinite(corners).all(axis=1))
     if len(wrong):
         raise InputError(f"{path}, row {wrong[0] + 2}: x and y have to be numbers")
@@ -196,6 +191,14 @@ def check_meeting(before: np.ndarray, after: np.ndarray, cores: Cores) -> None:
     """Raises InputError where the surfaces of both epochs (n, 3) lie beyond each other's reach."""
     heights = [xyz[cKDTree(xyz[:, :2]).query(cores.xyz[:, :2])[1], 2] for xyz in (before, after)]
     apart = float(np.median(np.abs(heights[1] - heights[0])))
+    beside = before[cKDTree(before[:, :2]).query(before[:, :2], 2)[1], 2]
+    steep = float(np.median(np.abs(beside[:, 1] - beside[:, 0])))
+    if apart > cores.reach and steep > cores.reach:
+        raise InputError(
+            f"the surface is steep: points beside each other in plan lie {steep:.1f} m (median) "
+            "apart in height at one date already. Of a wall compare named points (--points-only), "
+            "or give both blocks in coordinates whose z points out of it"
+        )
     if apart > cores.reach:
         raise InputError(
             f"the surfaces of both epochs lie {apart:.1f} m apart in height (median) where both "
@@ -211,6 +214,13 @@ def check_names(names: np.ndarray, shift: np.ndarray, sigma: np.ndarray, largest
     """
     away = np.linalg.norm(shift, axis=1)
     wrong = away > np.maximum(largest, 6.0 * np.linalg.norm(sigma, axis=1))
+    common = np.median(shift, axis=0)
+    if len(shift) > 2 and wrong.all() and np.linalg.norm(shift - common, axis=1).max() < largest:
+        raise InputError(
+            "all {} common points lie ({:+.1f}, {:+.1f}, {:+.1f}) m apart in the two epochs: bring "
+            "both into one system of coordinates and of heights (ellipsoid, geoid), with offset in "
+            "block.toml".format(len(shift), *common)
+        )
     if wrong.any():
         k = int(np.argmax(np.where(wrong, away, 0.0)))
         more = f" ({wrong.sum() - 1} more so)" if wrong.sum() > 1 else ""

@@ -211,6 +211,12 @@ def common_control(epochs: list[Epoch]) -> list[str]:
     return [n for n in first if n in second and np.abs(first[n] - second[n]).max() < SAME_M]
 
 
+def control_of_both(epochs: list[Epoch]) -> list[str]:
+    """Names of control points that both epochs were given, with whatever coordinates."""
+    first, second = (list(e.system.control_names[: len(e.system.control.given)]) for e in epochs)
+    return [name for name in first if name in second]
+
+
 def _control(epochs: list[Epoch]) -> list[Common]:
     names = common_control(epochs)
     if not names:

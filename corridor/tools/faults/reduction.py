@@ -69,6 +69,8 @@ def report(
     say(f"corridor {command}, on the whole block")
     copy, names = anonymous(block)
     status, said = _ending(copy, _translated(words, names))
+    if status == 2 and said.endswith(f"; see `corridor {words[0]} --help`."):
+        raise InputError(f"--command {command!r}: {said.removeprefix('error: ')}")
     chosen, shown = copy, status != 0
     if status == 0:
         chosen, names = anonymous(_part(block, 0, 32))

@@ -65,9 +65,16 @@ def why_lost(photos: list[Metadata], joined: set[int]) -> str:
 def _damaged(photos: list[Metadata], joined: set[int]) -> Iterator[str]:
     """Pictures whose pixels cannot all be read, of the first that are lost."""
     lost = [photo for row, photo in enumerate(photos) if row not in joined]
-    for photo in [photo for photo in lost if photo.path.is_file()][:_LOOKED_AT]:
+    yield from damaged([photo for photo in lost if photo.path.is_file()][:_LOOKED_AT])
+
+
+def damaged(photos: list[Metadata]) -> Iterator[str]:
+    """Pictures whose pixels cannot all be read: what is there of them may join nevertheless."""
+    for photo in photos:
         try:
             with open_picture(photo.path) as picture:
+                # A JPEG is decoded at an eighth, which is quick.
+                picture.draft("L", (photo.width // 8, photo.height_px // 8))
                 picture.load()
         except FAULTS as error:
             yield f"{photo.name} is damaged ({fault(error)}): copy it again"

@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
+from filecmp import cmp
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +34,7 @@ from corridor.core.photographs import (
 )
 from corridor.tools.formats.focal import of_a_lens, stated_focal
 from corridor.tools.formats.heading import east_north
-from corridor.tools.formats.joining import listed, places_apart, why_lost
+from corridor.tools.formats.joining import damaged, listed, places_apart, why_lost
 from corridor.tools.formats.programs import colmap
 from corridor.tools.formats.project import Project
 from corridor.tools.formats.starting import from_attitudes
@@ -46,6 +47,7 @@ _BATCH_PAIRS = 20
 _FOCAL_RANGE, _FITS_BETTER = 0.10, 0.7
 # A model of less than this share of the photographs is refused, of less than this kept to go on.
 _REFUSED, _KEPT = 0.5, 0.9
+_OTHER_LENS = "or the focal length that their EXIF states is that of another lens: take it out"
 _MODEL = "RADIAL"
 # Features a pixel: in small pictures the smallest ones are noise. COLMAP's most, and enough to map.
 _DENSITY, _FEWEST, _MOST = 4e-3, 2000, 8192
@@ -93,10 +95,11 @@ def from_photographs(
     """
     pycolmap, cheaply = _pycolmap(), cheaply or Cheaply()
     every = photographs_in(folder)
-    files = every[:: cheaply.share]
+    files, copies = _each_once(every[:: cheaply.share])
     if len(files) < _LEAST:
         raise InputError(f"{folder} holds {len(files)} photographs; a block needs {_LEAST} or more")
-    photos = [read_metadata(file) for file in files]
+    photos, smaller = _without_smaller([read_metadata(file) for file in files])
+    files = [photo.path for photo in photos]
     names = [file.relative_to(folder).as_posix() for file in files]
     place = workplace(output)
     _same_photos(place, folder, files, names, cheaply)
@@ -125,10 +128,57 @@ def from_photographs(
     project = colmap.read(model)
     project = _with_lost_named(project, place, names, photos, force)
     project = _with_focal_compared(project, names, photos)
-    if len(files) < len(every):
+    for said in damaged([photo for photo, name in zip(photos, names, strict=True)
+                         if name not in project.lost]):  # fmt: skip
+        project = project.warned(said)
+    for what, pairs in (("copies of others, byte by byte", copies), ("others, smaller", smaller)):
+        if pairs:
+            one, other = (file.relative_to(folder).as_posix() for file in pairs[0])
+            project = project.warned(
+                f"{len(pairs)} photographs are {what}, and were left out (first: {one}, of "
+                f"{other}): they measure nothing anew"
+            )
+    if cheaply.share > 1:
         project = project.noted(f"{len(files)} of {len(every)} photographs were used")
     project = project.having(name=folder.resolve().name)
     return replace(project, form="photos", source=folder)
+
+
+def _each_once(files: list[Path]) -> tuple[list[Path], list[tuple[Path, Path]]]:
+    """The files without copies of others, and each copy with what it is a copy of.
+
+    Of copies that with the shortest name stays: the others are `NAME (1)`.
+    """
+    alike: dict[int, list[Path]] = {}
+    copies = []
+    for file in sorted(files, key=lambda file: (len(file.name), file)):
+        # Nearly no two photographs have one size: few are read.
+        others = alike.setdefault(file.stat().st_size, [])
+        first = next((other for other in others if cmp(other, file, shallow=False)), None)
+        if first is None:
+            others.append(file)
+        else:
+            copies.append((file, first))
+    return sorted(set(files) - {file for file, _ in copies}), copies
+
+
+def _without_smaller(photos: list[Metadata]) -> tuple[list[Metadata], list[tuple[Path, Path]]]:
+    """The photographs without previews of others, and the file of each preview with that of its
+    photograph: of one name, camera, time, place and shape, in another folder."""
+    largest: dict[tuple, Metadata] = {}
+    for photo in sorted(photos, key=lambda photo: -photo.width):
+        largest.setdefault(_one_exposure(photo), photo)
+    of = [largest[_one_exposure(photo)] for photo in photos]
+    kept = [photo for photo, one in zip(photos, of, strict=True) if one.width == photo.width]
+    pairs = [(p.path, one.path) for p, one in zip(photos, of, strict=True) if one.width > p.width]
+    return kept, pairs
+
+
+def _one_exposure(photo: Metadata) -> tuple:
+    stem, shape = photo.path.stem.casefold(), round(100 * photo.width / photo.height_px)
+    if photo.taken is None:
+        return (photo.path,)
+    return stem, shape, photo.make, photo.model, photo.taken, photo.lat_deg, photo.lon_deg
 
 
 class _Pace:
@@ -169,6 +219,8 @@ def _with_lost_named(project, place, names, photos, force):
         f"{len(lost)} of {len(names)} photographs could not be connected to the others "
         f"({listed(lost, names)}): {apart or why_lost(photos, joined)}"
     )
+    if len(joined) < _REFUSED * len(names) and all(stated_focal(photo) for photo in photos):
+        said += f"; {_OTHER_LENS}"
     if len(joined) < _KEPT * len(names):
         said += f"; features and matches are kept in {place}, the same command goes on from there"
     if len(joined) < _REFUSED * len(names) and not force:
@@ -419,9 +471,10 @@ def _map(pycolmap, database, folder, model, photos, stated, say) -> None:
         if other is not None and other.num_reg_images() > 1.2 * least:
             best, stated = other, False
     if best is None:
+        other = f"{_OTHER_LENS}; " if stated else ""
         raise WorkFailed(
-            f"the photographs do not make a model: {why_lost(photos, set())}; features and matches "
-            f"are kept in {model.parent}, the same command goes on from there"
+            f"the photographs do not make a model: {why_lost(photos, set())}; {other}features and "
+            f"matches are kept in {model.parent}, the same command goes on from there"
         )
     if stated:
         best = _focal_let_go(pycolmap, best)

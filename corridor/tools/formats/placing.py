@@ -42,6 +42,8 @@ from corridor.tools.formats.starting import rotations_of
 _LEAST_PAIRS = 5
 # Positions this near are one position; attitudes of gimbals and compasses are good to 5 degrees.
 _SAME_PLACE_M, _ATTITUDE_RAD, _BESIDE = 0.01, 0.09, 2.0
+# EXIF may be written to a hundredth of a second of arc, 0.3 m; farther apart are two positions.
+_TWO_POSITIONS_M = 1.0
 # By so many times the assumed standard deviation positions scatter about a way that fits.
 _SCATTERS = 2.0
 # A drone that takes no picture for so long, and for so many times the usual, has landed between:
@@ -523,6 +525,14 @@ def _with_positions(project, photos: dict[int, Metadata], exposures):
         images = project.block.images["image"].iloc[list(photos)]
         table, assumed, notes = _positions_of(dict(zip(images, photos.values(), strict=True)))
         project = project.having(notes=[assumed, *notes] if assumed else notes)
+        apart = [photo.apart_m for photo in photos.values() if photo.apart_m is not None]
+        apart = [metres for metres in apart if metres > _TWO_POSITIONS_M]
+        if apart:
+            project = project.warned(
+                f"EXIF and XMP of {len(apart)} photographs put them {np.median(apart):,.1f} m "
+                "(median) apart horizontally: XMP's positions were read; if a program wrote better "
+                "ones into EXIF, take the XMP out of the photographs"
+            )
         if len(table) and not project.block.lever_arm:
             project = project.having(
                 notes=[
@@ -657,14 +667,24 @@ def _placed(
     source[at < 0] = np.nan
     known = np.isfinite(source).all(axis=1)
     if known.any() and np.ptp(target[known], axis=0).max() < _SAME_PLACE_M:
-        return project.warned(
-            f"the project stays in its own frame: all positions of {what} are the same, they "
-            "place nothing"
+        why = (
+            "all positions of {} are the same, they place"
+            if known.sum() > 1
+            else ("one position of {} alone places")
         )
+        return project.warned(f"the project stays in its own frame: {why.format(what)} nothing")
     stated = table["sx"].to_numpy(float) if "sx" in table else np.zeros(0)
     sigma = float(np.nanmedian(stated)) if np.isfinite(stated).any() else _ASSUMED[16][0]
     turns = np.array([attitudes.get(name, np.full((3, 3), np.nan)) for name in table["image"]])
-    axes, directions, axes_weight = _by_axes(block.poses[at], source, target, turns, sigma)
+    asked = _by_axes(block.poses[at], source, target, turns, sigma)
+    axes, directions, axes_weight = asked or (np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0))
+    if len(axes) and (off := _turned_away(axes, directions, source, target, sigma)):
+        project = project.warned(
+            f"the attitudes of {what} are turned by {np.degrees(off):.0f} degrees against their "
+            "positions and were left aside: does the camera look sideways in its mount, or count "
+            "another angle from north?"
+        )
+        axes, directions, axes_weight = axes[:0], directions[:0], axes_weight[:0]
     weight = known.astype(float)
     try:
         for _ in range(10):
@@ -720,13 +740,32 @@ def _by_axes(pose, source, target, turns, sigma):
     middle = target[good] - target[good].mean(axis=0) if good.any() else target[good]
     beside = np.linalg.svd(middle, compute_uv=False)[1] / np.sqrt(good.sum()) if wide else 0.0
     if not (wide > 0 and spread > 0) or beside > _BESIDE * sigma:
-        return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)
+        return None
     seen = rotation_from_quaternion(pose[good, 3:])
     axes = (source[good][:, None] + spread * seen).reshape(-1, 3)
     directions = (target[good][:, None] + wide * turns[good]).reshape(-1, 3)
     # Gimbals and compasses are wrong alike in all images: many are no better than one.
     weight = (sigma / (_ATTITUDE_RAD * wide)) ** 2 / len(axes)
     return axes, directions, np.full(len(axes), weight)
+
+
+def _turned_away(axes, directions, source, target, sigma) -> float:
+    """The angle between the turn that attitudes say and the one that positions say, radians; 0
+    where it is no more than three times what either may be wrong by. Arguments as of `_by_axes`."""
+    known = np.isfinite(source).all(axis=1) & np.isfinite(target).all(axis=1)
+    own, goal = (one[known] - one[known].mean(axis=0) for one in (source, target))
+    seen, said = (
+        one.reshape(-1, 3, 3) - one.reshape(-1, 3, 3).mean(axis=1, keepdims=True)
+        for one in (axes, directions)
+    )
+    u, _, vt = np.linalg.svd(np.einsum("nki,nkj->ij", said, seen))
+    turn = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
+    # The largest that any turn can make of it is the sum of the singular values.
+    most = np.linalg.svd(goal.T @ own, compute_uv=False).sum()
+    off = np.arccos(np.clip(np.sum(goal * (own @ turn.T)) / most, -1.0, 1.0)) if most else 0.0
+    wide = np.sqrt(np.mean(np.sum(goal**2, axis=1)))
+    limit = 3 * np.hypot(_ATTITUDE_RAD, sigma / (wide * np.sqrt(len(goal)))) if wide else np.inf
+    return float(off) if off > limit else 0.0
 
 
 def _with_witness(exposures: gnss.Exposures, block: Block) -> gnss.Exposures:

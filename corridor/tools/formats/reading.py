@@ -32,6 +32,9 @@ def read_project(
     path, others = Path(path), []
     if not path.exists():
         raise InputError(f"{path} is not there; name the file or folder of a project")
+    # A format may be written in several forms, all of which it reads.
+    known = formats().items()
+    form = next((name for name, one in known if form in getattr(one, "WRITES", ())), form)
     if form == "auto":
         form, path, others = _found(path)
     elif form not in formats():

@@ -23,6 +23,7 @@ import cv2
 import numpy as np
 
 from corridor.core.engine.threads import one_thread
+from corridor.core.errors import InputError
 from corridor.core.geometry import robust_scale
 from corridor.tools.readout.fitting import Fitted, fit
 from corridor.tools.readout.lens import Calibration, lens_for
@@ -90,6 +91,8 @@ def measure_star(
         )
     lights = static.light(), rotating.light()
     still, share = _at_rest(lights[0], lens, centre, count, reach)
+    if share < _DOUBTFUL:
+        _check_chosen(static, rotating, lens, sectors)
     row, start = _start(rotating, lights[1], lens, still, count, reach)
     stars = _Stars.measured(lights, lens, [still, start], count, reach, row)
     rate, sigma = stars.rate((static, rotating))
@@ -111,6 +114,27 @@ def measure_star(
             f"of its light, of a star at rest {100 * _WHOLE:.0f}: is it covered, or did it turn?",
         )
     return turning.readout(known, _METHOD, extra, doubtful)
+
+
+def _check_chosen(static: Photo, rotating: Photo, lens, sectors: int | None) -> None:
+    """Raises InputError where the other photograph, or another number, makes a star at rest."""
+    counted = []
+    for photo in (static, rotating):
+        try:
+            centre, count, reach = _find(photo, None)
+        except CannotMeasure:
+            return
+        share = _at_rest(photo.light(), lens, centre, count, reach)[1]
+        counted.append((share >= _DOUBTFUL, count))
+    if not counted[0][0] and counted[1][0]:
+        raise InputError(
+            f"the star stands still in {rotating.name} and not in {static.name}: exchange the two"
+        )
+    if sectors is not None and counted[0][0] and counted[0][1] != sectors:
+        raise InputError(
+            f"--sectors {sectors}: the star in {static.name} has {counted[0][1]}; black and white "
+            "ones count together"
+        )
 
 
 # --- finding the star --------------------------------------------------------------------------

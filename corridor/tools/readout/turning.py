@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from corridor.core.camera import SLOWEST_READOUT_S
 from corridor.core.errors import InputError
 from corridor.tools.readout.photograph import CannotMeasure, Photograph
 from corridor.tools.readout.result import Readout, sigma_with_speed
@@ -97,6 +98,12 @@ class Turning:
         omega = 2 * math.pi * known.turns_per_second
         per_rate = 1e3 * (self.rows - 1) / omega
         readout = abs(self.rate) * per_rate
+        if readout > 1e3 * SLOWEST_READOUT_S:
+            raise CannotMeasure(
+                f"the readout time would be {readout:,.0f} ms, longer than that of any camera: do "
+                f"the photographs show one {self.target} at rest and turning, "
+                f"{known.turns_per_second:g} times a second?"
+            )
         found = Readout(
             target=self.target,
             method=method,

@@ -121,6 +121,8 @@ def _read(path, fps):
     try:
         stated = film.get(cv2.CAP_PROP_FPS)
         if fps is None and not (np.isfinite(stated) and 1 <= stated <= 2000):
+            if not film.isOpened():
+                raise InputError(f"{path} is no film that can be read: give an MP4, MOV or AVI")
             raise InputError(f"{path} does not state its frame rate: give --video-fps")
         frames, stamps = [], []
         while len(frames) < _FRAMES:

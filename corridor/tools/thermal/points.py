@@ -10,6 +10,7 @@ from corridor.core.block import Layout, read_columns
 from corridor.core.errors import InputError
 from corridor.core.output import whole_file
 from corridor.tools.thermal.model import ThermalModel
+from corridor.tools.thermal.series import COLDEST_C, HOTTEST_C
 
 
 def apply(
@@ -32,13 +33,26 @@ def apply(
         where, table = str(points), read_columns(Path(points), columns)
     if temperature_c is not None and not np.isfinite(temperature_c):
         raise InputError(f"temperature = {temperature_c} is not a number of degrees Celsius")
+    if not len(table):
+        raise InputError(f"{where} has no point: write a row for each")
     x, y = _column(table, "x", where), _column(table, "y", where)
     if temperature_c is None:
         if "temperature_c" not in table:
             raise InputError(f"{where} has no column temperature_c: add it or give one temperature")
         warm = _column(table, "temperature_c", where)
     else:
+        if "temperature_c" in table:
+            raise InputError(
+                f"{where} has a column temperature_c beside the one temperature for all points: "
+                "give one of the two"
+            )
         warm = np.full(len(table), float(temperature_c))
+    wrong = np.flatnonzero((warm < COLDEST_C) | (warm > HOTTEST_C))
+    if len(wrong):
+        raise InputError(
+            f"{where}, row {wrong[0] + 2}: {warm[wrong[0]]:g} C is outside what a camera endures: "
+            "give degrees Celsius"
+        )
     dx, dy = (model.undo if inverse else model.displacement)(x, y, warm)
     at = (x + dx, y + dy) if inverse else (x, y)
     out = pd.DataFrame(
@@ -55,6 +69,8 @@ def apply(
 def _beyond(model: ThermalModel, x: np.ndarray, y: np.ndarray) -> str:
     """What is to be said of points outside the picture that the model was fitted to."""
     out = (x < -0.5) | (x > model.width - 0.5) | (y < -0.5) | (y > model.height - 0.5)
+    if len(x) > 1 and (np.abs([x, y]) <= 1).all():
+        return "all points lie within one pixel: are x and y shares of the picture? Write pixels"
     if not out.any():
         return ""
     return (
@@ -69,10 +85,9 @@ def _column(table, name, where):
     values = pd.to_numeric(table[name], errors="coerce").to_numpy(float)
     wrong = np.flatnonzero(~np.isfinite(values))
     if len(wrong):
-        raise InputError(
-            f"{where}, row {wrong[0] + 2}: {name} = {table[name].iloc[wrong[0]]!r} is not a "
-            "number: correct it"
-        )
+        cell = table[name].iloc[wrong[0]]
+        what = "is empty" if pd.isna(cell) else f"= {cell!r} is not a number"
+        raise InputError(f"{where}, row {wrong[0] + 2}: {name} {what}: correct it")
     return values
 
 

@@ -14,7 +14,7 @@ from corridor.core.photographs import FAULTS, fault, open_picture
 
 TABLE = "series.csv"
 _COLUMNS = Layout(("time_s", "reference"), ("temperature_c",), empty=("time_s", "reference"))
-_COLDEST_C, _HOTTEST_C = -90.0, 150.0
+COLDEST_C, HOTTEST_C = -90.0, 150.0
 _LEAST = 160  # px: a smaller picture has no room for windows
 
 
@@ -68,6 +68,8 @@ def read_series(folder: str | os.PathLike) -> Series:
     """
     folder = Path(folder)
     path = folder / TABLE
+    if folder.is_file():
+        raise InputError(f"{folder} is a file; give the folder of the pictures and of {TABLE}")
     if not path.is_file():
         raise InputError(
             f"{folder} has no {TABLE}: write one with the columns picture, time_s, temperature_c, "
@@ -97,7 +99,7 @@ def read_series(folder: str | os.PathLike) -> Series:
         ),
         (np.isnan(time), lambda row: "time_s is empty: give seconds"),
         (
-            (warm < _COLDEST_C) | (warm > _HOTTEST_C),
+            (warm < COLDEST_C) | (warm > HOTTEST_C),
             lambda row: (
                 f"temperature_c = {warm[row]:g} is outside what a camera endures: give degrees "
                 "Celsius"

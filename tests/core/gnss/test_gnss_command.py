@@ -158,6 +158,14 @@ class TestWhatIsWrong:
         folder = run_arguments[0]
         assert not (folder / "gnss.csv").exists() and not (folder / "gnss.png").exists()
 
+    def test_a_track_in_milliseconds_is_refused(self, block, capsys):
+        track = pd.read_csv(block / "track.csv")
+        track["time_s"] = 1000 * track["time_s"]
+        track.to_csv(block / "track.csv", index=False)
+        words = ["gnss", str(block / "track.csv"), "--images", str(block), "-o"]
+        assert main([*words, str(block / "out.csv")]) == 2
+        assert "is time_s in milliseconds" in capsys.readouterr().err
+
     def test_no_common_clock_is_refused_not_stretched(self, block, capsys):
         images(block, np.arange(5000.0, 5100.0, 5.0))
         self.fails(2, "no common clock", capsys, block)

@@ -272,3 +272,40 @@ def test_the_maker_note_says_what_xmp_says(real_data):
         moved = np.subtract(noted["velocity"], photo.velocity)
         differ.append([*moved, noted["yaw"] - photo.yaw])
     assert len(files) == 76 and np.abs(differ).max() < 1e-4
+
+
+def position(path, degrees, tags=(), xmp=""):
+    """A small picture whose EXIF has a latitude in whole degrees, longitude 8 E, height 40 m."""
+    exif = Image.Exif()
+    exif.get_ifd(0x8825).update(
+        {1: "N", 2: (degrees, 0.0, 0.0), 3: "E", 4: (8.0, 0.0, 0.0), 6: 40.0} | dict(tags)
+    )
+    packet = (
+        '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/'
+        f'22-rdf-syntax-ns#"><rdf:Description xmlns:a="http://made/1.0/" {xmp}/></rdf:RDF>'
+        "</x:xmpmeta>"
+    )
+    Image.new("L", (40, 30)).save(path, exif=exif, xmp=packet.encode())
+    return read_metadata(path)
+
+
+def test_a_position_of_zeros_in_xmp_leaves_that_of_exif(tmp_path):
+    """A drone without a fix writes zeros; a program has put the position into EXIF afterwards."""
+    none = 'a:GpsLatitude="0.0" a:GpsLongitude="0.0" a:AbsoluteAltitude="+0.00"'
+    found = position(tmp_path / "a.jpg", 49.0, xmp=none)
+    assert (found.lat_deg, found.lon_deg, found.height) == (49.0, 8.0, 40.0)
+
+
+def test_how_far_the_positions_of_exif_and_xmp_lie_apart_is_kept(tmp_path):
+    """A degree of latitude has 111 km, so a hundred-thousandth 1.1 m."""
+    xmp = 'a:GpsLatitude="49.00001" a:GpsLongitude="8.0"'
+    found = position(tmp_path / "a.jpg", 49.0, xmp=xmp)
+    assert found.lat_deg == 49.00001 and found.apart_m == pytest.approx(1.11, abs=0.01)
+    assert position(tmp_path / "b.jpg", 49.0).apart_m is None
+
+
+@pytest.mark.parametrize(("reference", "sign"), [(0, 1), (1, -1), (2, 1), (3, -1)])
+def test_heights_below_ellipsoid_or_sea_are_negative(tmp_path, reference, sign):
+    """EXIF 3.0: 0 and 1 above and below the ellipsoid, 2 and 3 the sea."""
+    found = position(tmp_path / "a.jpg", 49.0, tags={5: bytes([reference])})
+    assert found.height == sign * 40.0

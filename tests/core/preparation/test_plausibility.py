@@ -87,3 +87,46 @@ def test_a_principal_point_counted_from_the_middle_is_told(dike, name, value):
 def test_the_area_of_a_system_with_heights_is_that_of_its_grid(dike):
     block = replace(dike, crs="EPSG:25833+7837")
     assert [one for one in plausibility_warnings(block) if "area of use" in one]
+
+
+@pytest.mark.parametrize("written", ["7", "7.0", "007", "Gcp 7"])
+def test_a_name_that_a_spreadsheet_has_changed_is_told(dike, written):
+    block = dike.copy()
+    first = block.ground["point"].iloc[0]
+    own = "GCP7" if "Gcp" in written else "07"
+    block.ground = block.ground.assign(point=block.ground["point"].replace({first: own}))
+    block.marks = block.marks.assign(
+        point=block.marks["point"].astype(str).replace({first: written}).astype("category")
+    )
+    (said,) = [one for one in plausibility_warnings(block) if "written in two ways" in one]
+    assert repr(own) in said and repr(written) in said and "1 such pair" in said
+
+
+def test_names_that_are_no_ground_point_at_all_are_not_called_one(dike):
+    assert not [one for one in plausibility_warnings(dike) if "written in two ways" in one]
+
+
+@pytest.mark.parametrize("table", ["tie_points", "marks"])
+def test_shares_of_a_picture_are_told_from_pixels(dike, table):
+    block = dike.copy()
+    rows, (camera,) = getattr(block, table), block.cameras.values()
+    scaled = rows.assign(x=rows["x"] / camera.width, y=rows["y"] / camera.height)
+    setattr(block, table, scaled)
+    (said,) = [one for one in plausibility_warnings(block) if "Write pixels" in one]
+    assert f"{table}.csv" in said
+
+
+@pytest.mark.parametrize(("degrees", "unit"), [(108.0, "Fahrenheit"), (305.0, "kelvin")])
+def test_temperatures_that_no_camera_endures_are_told_with_their_unit(dike, degrees, unit):
+    block = dike.copy()
+    block.images = block.images.assign(temperature_c=degrees)
+    (said,) = [one for one in plausibility_warnings(block) if "temperature_c" in one]
+    assert unit in said
+
+
+def test_times_in_milliseconds_are_told(dike):
+    block = dike.copy()
+    block.images = block.images.assign(time_s=1000.0 * block.images["time_s"])
+    said = [one for one in plausibility_warnings(block) if "milliseconds" in one]
+    assert said and "flight" in said[0]
+    assert not [one for one in plausibility_warnings(dike) if "milliseconds" in one]

@@ -200,6 +200,8 @@ class TestCommand:
         self, made, folder, block, tmp_path, capsys
     ):
         assert cli.main(["verify", str(folder / "block.toml"), str(folder)]) == 2
+        assert cli.main(["verify", str(folder), str(folder / "block.toml")]) == 2
+        assert "give the certificate first" in capsys.readouterr().err
         made["asprs"].save(tmp_path)
         fewer(block, 3).write(tmp_path / "other")
         found = ["verify", str(tmp_path / "certificate.html"), str(tmp_path / "other")]

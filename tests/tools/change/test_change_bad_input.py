@@ -39,6 +39,12 @@ def exchanged_names(first, second):
         rows["point"] = rows["point"].astype(str).replace({one: other, other: one})
 
 
+def other_heights(first, second):
+    """Above the geoid in place of the ellipsoid."""
+    for table in ("images", "points", "ground", "gnss"):
+        getattr(second, table)["z"] -= 47.9
+
+
 def no_datum(first, second):
     for table in ("gnss", "ground", "marks"):
         setattr(second, table, getattr(second, table).iloc[:0])
@@ -57,9 +63,11 @@ def nothing(first, second):
         (no_date, [], "'last summer' is not a date"),
         (another_place, [], "the epochs do not overlap"),
         (exchanged_names, [], "lies .* m apart in the two epochs .*different points"),
+        (other_heights, [], r"all \d+ common points lie .*-47.9\) m apart .* geoid"),
         (no_datum, [], "AFTER has neither control nor GNSS and so no datum"),
         (nothing, ["--polygon", "far.csv", "--spacing", "20"], "polygon holds no ground"),
-        (nothing, ["--profile", "here.csv"], "numbers in metres"),
+        (nothing, ["--profile", "here.csv"], "here.csv, row 3: y = 'here' is not a number"),
+        (nothing, ["--profile", "excel.csv"], "excel.csv, row 1: .* not separated by commas"),
         (nothing, ["--profile", "none.csv"], "there is no such file"),
         (
             nothing,
@@ -79,6 +87,7 @@ def test_the_command_says_one_sentence_and_writes_nothing(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "far.csv").write_text("x,y\n10000,0\n10009,0\n10000,9\n")
     (tmp_path / "here.csv").write_text("x,y\n1,2\n3,here\n")
+    (tmp_path / "excel.csv").write_text("x;y\n1,5;2\n3;4\n")
     first, second = flown(10), flown(11)
     spoil(first, second)
     first.copy().write("a")
@@ -90,7 +99,8 @@ def test_the_command_says_one_sentence_and_writes_nothing(
     last = capsys.readouterr().err.strip().splitlines()[-1]
     assert status == 2
     assert re.search(told, last), last
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "b", "far.csv", "here.csv"]
+    kept = ["a", "b", "excel.csv", "far.csv", "here.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == kept
 
 
 @pytest.mark.parametrize(

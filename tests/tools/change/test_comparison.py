@@ -1,5 +1,7 @@
 """What is asked of two dates, and on which datum and points it stands."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -177,3 +179,18 @@ def test_two_dates_in_one_block_are_those_of_two_blocks(tmp_path, capsys):
     ):
         assert main([*given, wrong]) == 2
         assert said in capsys.readouterr().err
+
+
+def test_a_wall_is_called_steep_and_not_in_another_datum():
+    """Heights of neighbours in plan differ by metres at one date already."""
+    rng = np.random.default_rng(5)
+    wall = [
+        np.c_[rng.uniform(0, 40, 400), 0.03 * rng.normal(size=400), 30 * rng.random(400)]
+        for _ in range(2)
+    ]
+    cores = SimpleNamespace(xyz=wall[0][:50], reach=0.7)
+    with pytest.raises(InputError, match="steep.*--points-only"):
+        check_meeting(*wall, cores)
+    flat = [points * [1, 1000, 0] for points in wall]
+    with pytest.raises(InputError, match="datum above all"):
+        check_meeting(flat[0], flat[1] + [0, 0, 9.0], SimpleNamespace(xyz=flat[0][:50], reach=0.7))

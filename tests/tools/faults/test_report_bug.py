@@ -142,6 +142,12 @@ class TestTheSmallestPart:
         with pytest.raises(InputError, match="does not begin with a verb"):
             report(flown, command, tmp_path / "out")
 
+    def test_a_command_that_cannot_be_read_is_no_fault(self, flown, monkeypatch, tmp_path):
+        said = "error: BLOCK is one word too many; see `corridor adjust --help`."
+        monkeypatch.setattr(reduction, "_ending", lambda *_: (2, said))
+        with pytest.raises(InputError, match="one word too many"):
+            report(flown, "adjust BLOCK", tmp_path / "out")
+
 
 @pytest.mark.slow
 def test_a_real_command_is_run(flown, tmp_path):

@@ -10,11 +10,12 @@ from PIL import Image
 
 from corridor.core.errors import InputError, WorkFailed
 from corridor.core.gnss import Local
-from corridor.core.photographs import Metadata, photographs_in, read_metadata
+from corridor.core.photographs import Metadata, Taken, photographs_in, read_metadata
 from corridor.tools.formats import Project, mapping
 from corridor.tools.formats.focal import stated_focal
 from corridor.tools.formats.importing import _straight
-from corridor.tools.formats.joining import bent, why_lost
+from corridor.tools.formats.joining import bent, damaged, why_lost
+from corridor.tools.formats.mapping import _each_once, _without_smaller
 
 from .conftest import exact_block
 
@@ -167,3 +168,31 @@ def test_a_folder_of_other_files_says_which(tmp_path, name):
     (tmp_path / name).write_bytes(b"x")
     with pytest.raises(InputError, match=rf"but \.{name[-3:].lower()}|but \.heic"):
         photographs_in(tmp_path)
+
+
+def test_copies_of_photographs_are_left_out_and_the_shortest_name_stays(tmp_path):
+    for name, content in (("a (1).jpg", b"one"), ("a.jpg", b"one"), ("b.jpg", b"two")):
+        (tmp_path / name).write_bytes(content)
+    kept, copies = _each_once(sorted(tmp_path.iterdir()))
+    assert [file.name for file in kept] == ["a.jpg", "b.jpg"]
+    assert [[one.name for one in pair] for pair in copies] == [["a (1).jpg", "a.jpg"]]
+
+
+def test_a_picture_that_ends_early_is_told_though_it_joins(tmp_path):
+    rng = np.random.default_rng(7)
+    path = tmp_path / "cut.jpg"
+    Image.fromarray(rng.integers(0, 255, (300, 400), np.uint8)).save(path)
+    photo = read_metadata(path)
+    assert list(damaged([photo])) == []
+    path.write_bytes(path.read_bytes()[:30_000])
+    assert "cut.jpg is damaged" in next(damaged([photo]))
+
+
+def test_a_preview_of_a_photograph_is_left_out_and_that_of_another_camera_is_not():
+    taken = Taken("2024:05:14 10:00:00", "2024-05-14", 36000.0, 0, "")
+    whole = Metadata(Path("a/DJI_1.JPG"), 4000, 3000, model="FC330", taken=taken)
+    small = replace(whole, path=Path("thumbs/dji_1.jpg"), width=160, height_px=120)
+    other = replace(small, path=Path("b/DJI_1.JPG"), model="FC6310")
+    kept, pairs = _without_smaller([whole, small, other])
+    assert kept == [whole, other]
+    assert pairs == [(small.path, whole.path)]

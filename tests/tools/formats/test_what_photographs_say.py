@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from corridor.core.geometry import quaternion_from_rotation
 from corridor.core.photographs import Metadata, photographs_in, read_metadata
 from corridor.tools.formats import Project
 from corridor.tools.formats.delay import delay_of, with_delay_told
@@ -14,10 +15,13 @@ from corridor.tools.formats.focal import stated_focal
 from corridor.tools.formats.importing import Imported, _with_tie_sigma
 from corridor.tools.formats.joining import places_apart
 from corridor.tools.formats.placing import (
+    _by_axes,
     _positions_of,
     _put,
+    _turned_away,
     _turned_by_a_quarter,
     _with_flights,
+    _with_positions,
     with_motion,
 )
 from corridor.tools.formats.proof import prove
@@ -185,6 +189,28 @@ def test_positions_without_a_height_are_no_measurements():
     block = replace(flown(), extra=NORTH)
     made = _put(Project("made", None, block, placed=True), table, "photographs")
     assert list(made.block.gnss["image"]) == ["a"]
+
+
+@pytest.mark.parametrize(("yaw_deg", "told"), [(0, 0), (10, 0), (90, 90), (180, 180)])
+def test_attitudes_that_contradict_the_positions_are_told_by_their_angle(yaw_deg, told):
+    """Ten photographs along 45 m, positions good to 1 m, know the turn to 2 degrees; what a compass
+    is wrong by is no contradiction."""
+    rng = np.random.default_rng(6)
+    place = np.c_[np.linspace(0, 45, 10), np.zeros(10), np.full(10, 40.0)]
+    down = np.tile([[0.0, -1, 0], [-1, 0, 0], [0, 0, -1]], (10, 1, 1))
+    pose = np.c_[place, quaternion_from_rotation(down)]
+    yaw = np.radians(yaw_deg)
+    turn = [[np.cos(yaw), np.sin(yaw), 0], [-np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]]
+    target = place + rng.normal(0, 1, (10, 3))
+    axes, directions, _ = _by_axes(pose, place, target, down @ turn, 1.0)
+    off = np.degrees(_turned_away(axes, directions, place, target, 1.0))
+    assert off == pytest.approx(told, abs=6)
+
+
+def test_positions_of_exif_and_xmp_that_differ_are_told():
+    photos = {k: photo(f"{k}.jpg", lat_deg=47.0, lon_deg=8.0, apart_m=4.4) for k in range(5)}
+    made = _with_positions(Project("made", None, flown()), photos, None)
+    assert "EXIF and XMP of 5 photographs put them 4.4 m (median) apart" in made.warnings[0]
 
 
 # --- velocities ---------------------------------------------------------------------------------

@@ -177,3 +177,9 @@ def test_a_carried_camera_has_no_level_of_detection(plan, tmp_path, capsys):
     words = ["plan", str(plan), "--as-given", "--control", "3", "--change", "-o", "x"]
     assert main([*words, "--carry-over", str(plan)]) == 2
     assert "without --carry-over" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("option", [["--mounted", "nadir=other"], ["--held"]])
+def test_what_goes_with_a_flight_that_is_carried_over_is_refused_without(plan, capsys, option):
+    assert main(["plan", str(plan), "--control", "3", *option]) == 2
+    assert "--carry-over" in capsys.readouterr().err

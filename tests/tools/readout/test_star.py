@@ -170,3 +170,20 @@ class TestWhatCannotBeMeasured:
         other = Camera.from_table("other", {"width": 901, "height": 600, "f": 1000.0})
         with pytest.raises(InputError, match="other"):
             measure_star(*pair(), 2.5, camera=other)
+
+
+def test_exchanged_photographs_are_told():
+    still, turning = pair()
+    with pytest.raises(InputError, match="exchange the two"):
+        measure_star(turning, still, 2.5)
+
+
+def test_a_wrong_number_of_sectors_is_told():
+    with pytest.raises(InputError, match="--sectors 12: the star in still has 16"):
+        measure_star(*pair(), 2.5, sectors=12)
+
+
+def test_a_readout_longer_than_that_of_any_camera_is_no_result():
+    """2.5 turns a minute in place of a second."""
+    with pytest.raises(CannotMeasure, match="longer than that of any camera"):
+        measure_star(*pair(), 2.5 / 60)

@@ -6,7 +6,7 @@ import pytest
 
 from corridor.core.camera import Camera
 from corridor.core.errors import InputError
-from corridor.tools.readout import CannotMeasure, render, speed_from_video
+from corridor.tools.readout import CannotMeasure, render, speed_from_video, video
 
 CAMERA = Camera.from_table("film", {"width": 400, "height": 300, "f": 400.0})
 
@@ -72,3 +72,10 @@ def test_nothing_turns(tmp_path):
     writer.release()
     with pytest.raises(CannotMeasure):
         speed_from_video(tmp_path / "film.avi")
+
+
+def test_what_is_no_film_is_told(tmp_path):
+    path = tmp_path / "film.mp4"
+    path.write_text("no film", encoding="utf-8")
+    with pytest.raises(InputError, match="no film that can be read"):
+        video._read(path, None)

@@ -20,7 +20,7 @@ from walls import camlight, off_by, rms
 from corridor.core.errors import InputError
 from corridor.core.output import sole
 from corridor.interface.cli import main
-from corridor.tools.thermal import read_maps, read_model
+from corridor.tools.thermal import read_maps, read_model, simple_model
 
 ARRAYS = "picture time_s temperature_c reference width height x y dx dy sigma valid".split()
 PROMISED = (
@@ -404,6 +404,10 @@ class TestWrongSeries:
         status, said = self.ends(tmp_path, tmp_path, capsys)
         assert status == 2 and "series.csv" in said
 
+    def test_a_file_in_place_of_the_folder(self, small, tmp_path, capsys):
+        status, said = self.ends(small / "series.csv", tmp_path, capsys)
+        assert status == 2 and "is a file; give the folder" in said
+
 
 class TestFit:
     def test_no_temperature_is_wrong_input(self, small, tmp_path, capsys):
@@ -526,3 +530,39 @@ class TestApply:
         command = ["thermal", "apply", str(tmp_path / "m.json"), "--points", path, "-o"]
         assert main([*command, str(tmp_path / "o.csv")]) == 2
         assert "m.json" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("rows", "more", "words"),
+    [
+        ("10,,40", (), ("row 2: y is empty",)),
+        ("10,20,313", (), ("row 2", "Celsius")),
+        ("10,20,40", ("--temperature", "40"), ("one of the two",)),
+        ("", (), ("has no point",)),
+    ],
+)
+def test_points_that_cannot_be_moved_are_told(tmp_path, capsys, rows, more, words):
+    simple_model(400, 300).write(tmp_path / "m.json")
+    (tmp_path / "p.csv").write_text(f"x,y,temperature_c\n{rows}\n", encoding="utf-8")
+    points = ("--points", str(tmp_path / "p.csv"), *more, "-o", str(tmp_path / "o.csv"))
+    assert run("apply", str(tmp_path / "m.json"), *points) == 2
+    said = capsys.readouterr().err
+    assert all(word in said for word in words) and "float64" not in said
+
+
+def test_points_in_shares_of_the_picture_are_told(tmp_path, capsys):
+    simple_model(400, 300).write(tmp_path / "m.json")
+    (tmp_path / "p.csv").write_text("x,y\n0.1,0.2\n0.5,0.6\n", encoding="utf-8")
+    points = ("--points", str(tmp_path / "p.csv"), "--temperature", "30")
+    assert run("apply", str(tmp_path / "m.json"), *points, "-o", str(tmp_path / "o.csv")) == 0
+    assert "Write pixels" in capsys.readouterr().err
+
+
+def test_the_points_are_never_replaced_by_what_is_made_of_them(tmp_path, capsys):
+    simple_model(400, 300).write(tmp_path / "m.json")
+    points = tmp_path / "p.csv"
+    points.write_text("x,y,temperature_c,name\n10,20,30,a\n", encoding="utf-8")
+    model = str(tmp_path / "m.json")
+    assert run("apply", model, "--points", str(points), "-o", str(points)) == 2
+    assert "is what is read" in capsys.readouterr().err
+    assert "name" in points.read_text(encoding="utf-8")

@@ -58,6 +58,12 @@ def run(options: argparse.Namespace) -> None:
     """Take the effect out, say what was done and write the block."""
     import corridor
 
+    there = options.output / MARK
+    if there.is_file() and "[corrected]" not in there.read_text(encoding="utf-8", errors="replace"):
+        raise corridor.InputError(
+            f"{options.output} is a block of which nothing was taken out, so it is not replaced; "
+            "name a new folder"
+        )
     block = corridor.read(options.block)
     if options.model is not None:
         _by_model(block, options)

@@ -136,6 +136,12 @@ def _show(options):
 def _check(options, believed):
     from corridor.core.errors import InputError
 
+    there = options.output is not None and (options.output / MARK).is_file()
+    if there and not Path(f"{options.output}.truth.json").is_file():
+        raise InputError(
+            f"{options.output} is a block without {options.output.name}.truth.json beside it, so "
+            "not a simulated one, and is not replaced; name a new folder"
+        )
     if options.like is None:
         if options.plan is None and options.output is not None:
             raise InputError(

@@ -157,7 +157,12 @@ def run(options: argparse.Namespace) -> None:
     )
     known = {"noise": noise, "effects": options.effect, "priors": dict(options.prior)}
     known |= picked(options, "lever_arm seed")
+    from corridor.core.errors import InputError
+
     carried = None
+    if options.carry_over is None and (options.mounted or options.held):
+        what = "--mounted" if options.mounted else "--held"
+        raise InputError(f"{what} is of what is carried over: give --carry-over PLAN too")
     if options.carry_over is not None:
         other = planning.Planner(options.carry_over, **known).expect(options.carry_control)
         carried = other.carried(dict(options.mounted), held=options.held)
