@@ -3,11 +3,15 @@
 Two threads, and rounds that let go of their equations, change nothing.
 """
 
+import numpy as np
 import pytest
 
+import corridor
 from benchmarks.diagnosis.generator import single
 from benchmarks.diagnosis.generator.generate import generate
+from corridor.core.geometry import robust_scale
 from corridor.diagnosis import diagnose
+from corridor.diagnosis.bootstrap.replicator import antenna_noise
 from corridor.diagnosis.settings import SETTINGS, Settings, changed, side_by_side
 from corridor.diagnosis.system import elimination
 
@@ -40,6 +44,14 @@ class TestAnArea:
             assert slug not in tested
         assert {"gnss_drift", "gnss_bias"} <= untested
         assert not {"gnss_drift", "gnss_bias"} & set(found.detection_limits)
+
+    def test_counterparts_take_errors_of_the_gnss_as_large_as_they_are(self, bent, area):
+        system = corridor.adjust(bent.block).system
+        noise, left = antenna_noise(system, 1.0), system.gnss.residual
+        assert not noise.coloured.any()
+        for rows, flight, axis in noise.blocks():
+            size = noise.white[flight, axis] * np.sqrt(np.mean(noise.stated[rows] ** 2))
+            assert size == pytest.approx(robust_scale(left.ravel()[rows], centred=True))
 
     def test_a_corridor_is_asked_for_all(self, bent):
         found = diagnose(bent.block)

@@ -27,6 +27,7 @@ from corridor.core.geometry import (
 )
 from corridor.diagnosis.bootstrap.linear_fits import LinearFits, Measured
 from corridor.diagnosis.bootstrap.statistics import Fit
+from corridor.diagnosis.evidence.profile_likelihood import has_states
 from corridor.diagnosis.noise.gnss import GnssNoise, stated_noise
 from corridor.diagnosis.noise.likelihood import Arguments, estimate, value_of
 from corridor.diagnosis.system.elimination import Elimination, Rows, rows_of
@@ -107,7 +108,8 @@ def antenna_noise(system: LinearSystem, tie_sigma: float) -> GnssNoise | None:
     system: at a fit. tie_sigma: of a tie coordinate in stated ones. What any antenna effect of the
     catalogue could do is projected out, for noise is what is left when each of them had its way: a
     drift must not count as slow noise. Nothing is known of the noise beforehand; it is white where
-    the data do not speak for more.
+    the data do not speak for more, and as large as the residuals where an area of photographs has
+    no states of slow noise.
     Source: Patterson and Thompson 1971 (restricted likelihood).
     """
     rows = system.image_rows
@@ -115,16 +117,20 @@ def antenna_noise(system: LinearSystem, tie_sigma: float) -> GnssNoise | None:
     loss = system.loss._replace(width=system.loss.width / tie_sigma)
     noise, seen = stated_noise(system), system.gnss.residual
     usual = [robust_scale(seen.ravel()[at], centred=True, least=1e-9) for at, *_ in noise.blocks()]
+    sizes = [
+        size / np.sqrt(np.mean(noise.stated[at] ** 2))
+        for size, (at, *_) in zip(usual, noise.blocks(), strict=True)
+    ]
+    if not has_states(system):
+        for size, (_, flight, axis) in zip(sizes, noise.blocks(), strict=True):
+            noise.white[flight, axis] = size
+        return noise
     cut = seen.ravel().copy()
     for size, (at, *_) in zip(usual, noise.blocks(), strict=True):
         cut[at] = np.clip(cut[at], -CLIPPED * size, CLIPPED * size)
     given = system.gnss.given + cut.reshape(-1, 3) - seen
     system = replace(system.measuring(sigma=sigma, gnss=given), loss=loss)
     e, shapes = _with_signals(take_apart(replace(system, gnss_counts=False), []), _signals(system))
-    sizes = [
-        size / np.sqrt(np.mean(noise.stated[at] ** 2))
-        for size, (at, *_) in zip(usual, noise.blocks(), strict=True)
-    ]
     return _white_or_slow(e, shapes, noise, np.maximum(sizes, 1e-3))
 
 

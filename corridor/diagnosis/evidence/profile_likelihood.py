@@ -288,4 +288,9 @@ def known(system: LinearSystem) -> bool:
     """Whether the noise of the antenna positions can be told: there are enough of them, and the
     block is no area of photographs, in which a state for each of them would be too much."""
     enough = system.gnss.sigma.size >= 3 * SETTINGS.fewest
-    return enough and not too_wide(system, _WITH_STATES)
+    return enough and has_states(system)
+
+
+def has_states(system: LinearSystem) -> bool:
+    """Whether a block can have a state of slow noise for each antenna position."""
+    return not too_wide(system, _WITH_STATES)
