@@ -258,7 +258,7 @@ class SparseFactor:
     def inverse(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
         """(L L')^-1 + left right' at the places of the storage."""
         d, places = self._d, self._places
-        left, right = (one.reshape(-1, d, one.shape[1]) for one in (left, right))
+        left, right = (one.reshape(len(one) // d, d, one.shape[1]) for one in (left, right))
         out = np.empty((len(places.later), d, d))
         for n, own, link in self._factor.inverse():
             block, row, column, turned = places.blocks[n]
