@@ -30,7 +30,7 @@ from corridor.diagnosis.evidence.profile_likelihood import (
     through_noise,
 )
 from corridor.diagnosis.evidence.scores import Influence, as_spread, drawn, inflation_of_scores
-from corridor.diagnosis.evidence.search import NAMING, Found, search, thresholds
+from corridor.diagnosis.evidence.search import Found, search, thresholds
 from corridor.diagnosis.noise.gnss import GnssNoise
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.settings import SETTINGS, Settings
@@ -211,8 +211,7 @@ def course_of(
             course.p_nothing = probability_of_nothing(one.beside_nothing, rng)
             if course.p_nothing >= asked.level:
                 # What all tests together do not show has to show by itself (Good 1950).
-                least = -np.log(asked.level)
-                one.threshold |= {k: max(one.threshold[k], least) for k in NAMING}
+                one.threshold["named"] = max(one.threshold["named"], -np.log(asked.level))
         threshold, one.beside_nothing = one.threshold, None
         if number == SETTINGS.most_refits:
             break

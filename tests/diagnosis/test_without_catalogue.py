@@ -47,11 +47,10 @@ def evidence():
 
 
 class TestProbabilityOfNothing:
-    @pytest.mark.parametrize("seed", [6027, 6051])
-    def test_nothing_has_a_name_that_all_tests_together_do_not_show(self, seed):
-        """Two of 160 blocks of the ladder in which nothing of the catalogue is missing: a group had
-        a log evidence of 3 to 4.5, and the whole search said that so much comes by chance."""
-        found = corridor.diagnose(made(12, seed).block)
+    def test_nothing_has_a_name_that_all_tests_together_do_not_show(self):
+        """One of 160 blocks of the ladder in which nothing of the catalogue is missing: a group had
+        a log evidence of 4.4, and the whole search said that so much comes by chance."""
+        found = corridor.diagnose(made(12, 6027).block)
         assert found.course.p_nothing > 0.01 and found.verdict == "suspected"
 
     def test_runs_together_say_what_all_images_say(self, evidence):

@@ -112,7 +112,7 @@ AT_FIRST_SIGHT = {
         reversed_track,
         "track.csv: time_s falls from row to row in all 30",
     ),
-    "times in milliseconds": (times("images", 1e3, "time_s"), "is time_s in seconds"),
+    "times in milliseconds": (times("images", 1e3, "time_s"), "is time_s in milliseconds"),
     "temperatures in kelvin": (
         changed("images", temperature_c=lambda c: 293.0 + np.arange(len(c))),
         "temperature_c is 3?[0-9]+ .* kelvin",

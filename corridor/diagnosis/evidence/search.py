@@ -176,10 +176,6 @@ def tuned(evidence: Evidence, chosen: dict[int, float]) -> dict[int, float]:
     return chosen
 
 
-# Of these thresholds, those beyond which a group has a name.
-NAMING = ("named", "beside_noise")
-
-
 def thresholds(evidence: Evidence, level: float, rng: np.random.Generator) -> dict[str, float]:
     """Log evidence beyond which a group is `named` (`beside_noise`: the antenna's) and `suspected`.
 

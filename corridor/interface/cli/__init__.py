@@ -10,6 +10,7 @@ known: another folder is refused before any work.
 
 import _thread
 import argparse
+import os
 import re
 import signal
 import sys
@@ -137,9 +138,12 @@ def _check_output(options: argparse.Namespace) -> None:
         check_folder(output, mark)
     given = [each for name, each in vars(options).items() if name != "output"]
     every = [path for each in given for path in (each if isinstance(each, list) else [each])]
-    goal = Path(output).resolve()
-    for path in (path.resolve() for path in every if isinstance(path, Path)):
-        if path == goal or (mark is not None and path.is_dir() and goal in path.parents):
+    # Links in a circle have no real path either way; who reads them says so.
+    goal = Path(os.path.realpath(output))
+    for path in (Path(os.path.realpath(path)) for path in every if isinstance(path, Path)):
+        # A table is put beside others into the folder that is read.
+        same = path == goal and (mark is not None or not goal.is_dir())
+        if same or (mark is not None and path.is_dir() and goal in path.parents):
             what, kind = "is" if path == goal else "holds", "folder" if goal.is_dir() else "file"
             raise InputError(
                 f"{output} {what} what is read, and would be replaced; name another {kind} with -o"
