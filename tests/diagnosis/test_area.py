@@ -9,11 +9,13 @@ import pytest
 import corridor
 from benchmarks.diagnosis.generator import single
 from benchmarks.diagnosis.generator.generate import generate
+from benchmarks.ladder import Dirt, made
+from corridor.core.adjustment import fronts
 from corridor.core.geometry import robust_scale
 from corridor.diagnosis import diagnose
 from corridor.diagnosis.bootstrap.replicator import antenna_noise
 from corridor.diagnosis.settings import SETTINGS, Settings, changed, side_by_side
-from corridor.diagnosis.system import elimination
+from corridor.diagnosis.system import chain, elimination
 
 SMALL = {"images": 30, "observations": 130}
 
@@ -57,6 +59,36 @@ class TestAnArea:
         found = diagnose(bent.block)
         assert not found.course.unasked
         assert "gnss_drift" in {effect.slug for effect in found.course.candidates.effects}
+
+
+class TestBranches:
+    @pytest.mark.parametrize("seed", [6015, 6028, 6051])
+    def test_a_dirty_block_says_the_same_in_branches_as_in_a_chain(self, monkeypatch, seed):
+        """Of three strips; only large areas take branches otherwise."""
+        block = made(24, seed, Dirt(strips=3, lens=0.3, rows=0.1, matches=3, lost=0.3)).block
+        usual = diagnose(block)
+        taken = []
+
+        def in_branches(*pairs):
+            order, tree = chain.blocks_of(*pairs)
+            taken.append((np.diff(tree.parent)[:-1] < 1).any())
+            return order, tree
+
+        monkeypatch.setattr(chain, "_QUICK", 0.0)
+        monkeypatch.setattr(chain, "_WORTH", np.inf)
+        for cost in ("_PAIR", "_FRONT"):
+            monkeypatch.setattr(fronts, cost, 0.0)
+        monkeypatch.setattr(elimination, "blocks_of", in_branches)
+        branches = diagnose(block)
+        assert taken and all(taken)
+        assert branches.verdict == usual.verdict
+        # A draw or two of a thousand may lie at the edge.
+        assert branches.p_nothing == pytest.approx(usual.p_nothing, abs=2e-3)
+        told, asked = (
+            [one.evidence for one in found.course.last.evidence.given({})]
+            for found in (branches, usual)
+        )
+        assert told == pytest.approx(asked, abs=1e-6)
 
 
 class TestTwoThreads:

@@ -25,6 +25,8 @@ from corridor.core.adjustment import FrontFactor, Fronts, inverse_of, least_fill
 _FEWEST = 12
 # Products that a chain may take, a tenth of a second, before it is asked whether to branch.
 _QUICK = 2e9
+# Share of a chain's products below which branches are worth their smaller blocks.
+_WORTH = 0.5
 
 
 class Inverse(NamedTuple):
@@ -237,6 +239,6 @@ def blocks_of(one: np.ndarray, other: np.ndarray, count: np.ndarray) -> tuple[np
     if chain.products > _QUICK:
         order, tree = least_fill(one, other, images)
         tree = tree.of_rows(count[order])
-        if tree.products < 0.5 * chain.products:
+        if tree.products < _WORTH * chain.products:
             return order, tree
     return np.arange(images), chain
