@@ -1,6 +1,7 @@
 """Real blocks with a known effect put into their measurements: real noise, known truth.
 
     python -m benchmarks.diagnosis.real_noise FOLDER       writes NAME, NAME_twin, NAME.truth.json
+    python -m benchmarks.diagnosis.real_noise FOLDER --blocks OTHERS      of the blocks laid there
     python -m benchmarks.diagnosis.real_rates FOLDER OUT   diagnoses them, and counts
     python -m benchmarks.diagnosis --blocks FOLDER -o OUT    the same beside twins and other methods
 
@@ -10,7 +11,9 @@ flight. The projection is written here once more, with numpy alone: nothing of t
 or derivatives is used. Amplitudes are multiples of the standard deviation with which the block
 itself could estimate the effect, bounded by what cameras and receivers do (`LARGEST`).
 
-The blocks are those of ../shared/data, or of the folder that CORRIDOR_DATA names.
+The blocks are those of ../shared/data, or of the folder that CORRIDOR_DATA names. Blocks of other
+flights join by being laid in a folder of their own; `NAME.truth.json` beside one says what it is
+known to have, and nothing of that kind is put in beside it.
 """
 
 from __future__ import annotations
@@ -18,8 +21,9 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -27,7 +31,7 @@ import pandas as pd
 
 import corridor
 from corridor import Adjustment, Block
-from corridor.core.errors import InputError
+from corridor.core.errors import CorridorError, InputError
 from notebooks.kit.real import special_plot
 
 DATA = Path(os.environ.get("CORRIDOR_DATA", Path(__file__).parents[3] / "shared" / "data"))
@@ -321,6 +325,12 @@ def flight_of(part: str) -> str:
     return known.get(part.partition("_")[0], "saraburi 2")
 
 
+def laid(folder: Path) -> dict[str, Callable[[], Block]]:
+    """Blocks of other flights in a folder, by name."""
+    blocks = sorted(one.parent for one in folder.glob("*/block.toml"))
+    return {block.name: partial(corridor.read, block) for block in blocks}
+
+
 def surveys() -> dict[str, Callable[[], Block]]:
     """The real blocks, whole and in parts of a few strips each, by name."""
     flight2 = DATA / "saraburi" / "flight2"
@@ -406,13 +416,13 @@ SINGLES = ("rolling_shutter", "clock_offset", "focal_drift", "gnss_drift", "leve
 RATIOS = {"rolling_shutter": (10.0, 20.0, 50.0), "clock_offset": (10.0, 20.0, 50.0, 150.0)}
 
 
-def cases(short: bool = False) -> Iterator[Case]:
-    """Untouched parts, singles of 10 sigmas and more, blunders of 6 and 12, and pairs."""
-    for part in [name for name in surveys() if name not in ("special",)]:
+def cases(every: Iterable[str], parts: Iterable[str]) -> Iterator[Case]:
+    """Untouched parts, all of them; of some singles of 10 sigmas and more, blunders, and pairs."""
+    for part in every:
         yield Case(f"{part}_untouched", part, {})
-    for n, part in enumerate(PARTS[: 1 if short else None]):
+    for n, part in enumerate(parts):
         for slug in SINGLES:
-            for ratio in (20.0,) if short else RATIOS.get(slug, (10.0, 20.0)):
+            for ratio in RATIOS.get(slug, (10.0, 20.0)):
                 yield Case(f"{part}_{slug}_{ratio:.0f}", part, {slug: ratio}, 10 + n)
         for ratio in (6.0, 12.0):
             yield Case(f"{part}_control_blunder_{ratio:.0f}", part, {"control_blunder": ratio}, n)
@@ -421,23 +431,37 @@ def cases(short: bool = False) -> Iterator[Case]:
         yield Case(f"{part}_shutter_and_blunder", part, both, n)
 
 
-def write(folder: Path, short: bool = False) -> list[str]:
-    """Write every case with its twin and truth; names of those left out, and why."""
+def write(folder: Path, short: bool = False, blocks: Path | None = None) -> list[str]:
+    """Write every case with its twin and truth; names of those left out, and why.
+
+    short: one part of the survey only, in a tenth of the time. blocks: a folder of other flights.
+    """
     left, scenes, sigmas = [], {}, {}
-    known = surveys()
-    for case in cases(short):
+    known = surveys() if blocks is None else laid(blocks)
+    whole = [name for name in known if name != "special"]
+    for case in cases(whole, known if blocks else PARTS[: 1 if short else None]):
+        single = len(case.effects) == 1 and set(case.effects) <= set(SINGLES)
+        if short and single and 20.0 not in case.effects.values():
+            continue
         if case.part not in scenes:
             block = known[case.part]()
             scenes[case.part] = block, scene_of(corridor.adjust(block))
         block, scene = scenes[case.part]
+        own = {} if blocks is None else _known(blocks, case.part)
         amounts = {}
-        for slug, ratio in case.effects.items():
-            if (case.part, slug) not in sigmas:
-                sigmas[case.part, slug] = sigma_of(scene, slug)
-            amounts[slug] = ratio * sigmas[case.part, slug]
+        try:
+            for slug, ratio in case.effects.items():
+                if (case.part, slug) not in sigmas:
+                    sigmas[case.part, slug] = sigma_of(scene, slug)
+                amounts[slug] = ratio * sigmas[case.part, slug]
+        except CorridorError as error:
+            left.append(f"{case.name}: {error}")
+            continue
         beyond = [slug for slug, size in amounts.items() if size > LARGEST.get(slug, np.inf)]
-        if beyond:
-            left.append(f"{case.name}: {beyond[0]} would be {amounts[beyond[0]]:.3g}")
+        there = [one["slug"] for one in own.get("effects", ()) if one["slug"] in amounts]
+        if beyond or there:
+            why = "it has one of its own" if there else f"would be {amounts[beyond[0]]:.3g}"
+            left.append(f"{case.name}: {(*there, *beyond)[0]}, {why}")
             continue
         made, truth = inject(block, scene, amounts, case.seed)
         made.write(folder / case.name)
@@ -447,10 +471,17 @@ def write(folder: Path, short: bool = False) -> list[str]:
             more = made.images.columns.difference(twin.images.columns)
             twin.images = twin.images.join(made.images[more])
             twin.write(folder / f"{case.name}_twin")
-        content = {"flight": flight_of(case.part), "ratio": case.effects, **truth}
+        content = {"flight": case.part if blocks else flight_of(case.part), "ratio": case.effects}
+        content |= {**truth, "effects": [*own.get("effects", ()), *truth["effects"]]}
         text = json.dumps(content, indent=1)
         (folder / f"{case.name}.truth.json").write_text(text + "\n", encoding="utf-8")
     return left
+
+
+def _known(blocks: Path, part: str) -> dict:
+    """What a laid block is known to have."""
+    file = blocks / f"{part}.truth.json"
+    return json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -458,11 +489,12 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.diagnosis.real_noise")
     parser.add_argument("folder", type=Path)
     parser.add_argument("--short", action="store_true", help="one part of the survey only")
+    parser.add_argument("--blocks", type=Path, help="folder of other flights, in place of these")
     options = parser.parse_args(arguments)
-    if not (DATA / "saraburi").is_dir():
+    if options.blocks is None and not (DATA / "saraburi").is_dir():
         raise InputError(f"{DATA} holds no real blocks: let CORRIDOR_DATA name their folder")
     options.folder.mkdir(parents=True, exist_ok=True)
-    for line in write(options.folder, options.short):
+    for line in write(options.folder, options.short, options.blocks):
         print("left out,", line)
 
 

@@ -140,17 +140,31 @@ def _absurd(said: dict, block: Block, errors: list[dict]) -> bool:
     )
 
 
+def _untouched(name: str, rows: Mapping[str, dict]) -> dict | None:
+    """What was said of the part into which the effects of a block were put, if it was asked."""
+    ending = "_untouched"
+    parts = [k for k in rows if k.endswith(ending) and name.startswith(k.removesuffix("untouched"))]
+    part = rows[max(parts, key=len)] if parts else None
+    return None if part is None or part["failed"] else part
+
+
+def _wrong_beside_untouched(name: str, rows: Mapping[str, dict]) -> bool:
+    """Whether a wrong effect is named that is not stated of the untouched part: a real flight is
+    known to be free of effects no better than that."""
+    part = _untouched(name, rows)
+    stated = () if part is None else part["effects"]
+    own = {slug for slug, kind, _ in stated if kind in ("named", "ambiguous")}
+    return bool(set(rows[name]["wrong"]) - own)
+
+
 def _worse_than_untouched(name: str, rows: Mapping[str, dict]) -> bool:
     """Whether check points are worse than before, and than those of the untouched part.
 
     What was put in may have made good by chance what the part is off by; to take it out again is
     no harm.
     """
-    row = rows[name]
-    ending = "_untouched"
-    parts = [k for k in rows if k.endswith(ending) and name.startswith(k.removesuffix("untouched"))]
-    part = rows[max(parts, key=len)] if parts else None
-    if not row["worse"] or part is None or part["failed"]:
+    row, part = rows[name], _untouched(name, rows)
+    if not row["worse"] or part is None:
         return row["worse"]
     return row["check"]["after"] > WORSE * part["check"]["before"]
 
@@ -183,6 +197,11 @@ def rates(every: Mapping[str, dict]) -> dict[str, str]:
         "control blunders named": Rate.of(row["named"] for row in blunders),
         "control blunders in the set that is named": Rate.of(row["inside"] for row in blunders),
         "wrong names beside hidden effects": Rate.of(bool(row["wrong"]) for row in hidden),
+        "wrong names beside hidden effects, that the untouched part has not": Rate.of(
+            _wrong_beside_untouched(name, every)
+            for name, row in every.items()
+            if not row["failed"] and row["kind"] != "null"
+        ),
         "untouched blocks of which something is said": Rate.of(
             row["stated"] for row in read if row["kind"] == "null"
         ),

@@ -50,6 +50,13 @@ def test_a_correction_stays_only_if_unseen_data_improve(tie, check, points, stay
     assert held_out.improves(without, fit(tie, check, points), ROWS) == stays
 
 
+@pytest.mark.parametrize(
+    ("tie", "called"), [(0.30, False), (0.32, False), (0.33, False), (0.35, True)]
+)
+def test_ties_are_predicted_worse_from_a_twentieth_on(tie, called):
+    assert held_out.worse(fit(0.32, 0.010), fit(tie, 0.010), ROWS) == called
+
+
 def test_check_points_decide_before_ties_do():
     """A rival that halves the check-point error is taken, though ties speak 1 % against it."""
     second, rivals = fit(0.300, 0.02), {"datum": fit(0.303, 0.01), "drift": fit(0.290, 0.03)}

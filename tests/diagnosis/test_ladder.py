@@ -104,3 +104,11 @@ def test_the_first_rung_ends_names_nothing_and_agrees_with_its_double(seed):
     assert "verdict" in row["once"] and "verdict" in row["double"]
     assert not false_names(row["once"]) and not false_names(row["double"])
     assert row["agree"]
+
+
+def test_what_predicts_other_image_points_worse_is_not_named():
+    """Rows that shift look like a readout of -106 ms, with which 0.55 px become 0.59."""
+    said = corridor.diagnose(made(12, 51051).block)
+    (one,) = said.findings.effects
+    assert (one.slug, one.kind) == ("rolling_shutter", "suspected")
+    assert "of image points that are left out become" in " ".join(said.notes)

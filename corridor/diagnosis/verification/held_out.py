@@ -229,6 +229,16 @@ def harms(without: Adjustment, with_it: Adjustment) -> bool:
     return bool((d * s).sum() > ndtri(1.0 - SETTINGS.doubt_level) * noise)
 
 
+def worse(without: Adjustment, with_it: Adjustment, held: pd.MultiIndex) -> bool:
+    """Whether ties that neither adjustment has used are predicted worse with what one has more.
+
+    By as much as a shape of the picture must better them to be worth a word: what is true betters
+    them, or hardly changes them.
+    """
+    tie = tie_gap(without, with_it, held)
+    return bool(tie["before"]) and tie["before"] < SETTINGS.cost_ratio * tie["after"]
+
+
 def untold(one: Estimate, effect: Effect, fit: Adjustment) -> str:
     """Why the size of what was found cannot be told, nothing where it can.
 

@@ -1,8 +1,8 @@
 """Does what was found help where the fit has not looked?
 
 Of what the fit cannot tell apart held-out data choose, a shape stays only if they are predicted
-better with it, and no effect stays that does harm to check points (see `held_out`). GNSS residuals
-are those of the fits.
+better with it, and no effect stays that does harm to check points, or with which image points that
+are held out are predicted worse (see `held_out`). GNSS residuals are those of the fits.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ from corridor.diagnosis.verification.held_out import (
     preferred,
     tie_gap,
     untold,
+    worse,
 )
 
 # A direction of rows that another sensor, turned by a right angle, would have.
@@ -421,14 +422,17 @@ class Verification:
                 mine = best
 
     def _drop_harmful(self) -> None:
-        """Say no effect for sure that takes the check points away from where they were surveyed."""
+        """Say no effect for sure that takes the check points away from where they were surveyed, or
+        what is predicted of the pictures from what they show."""
         while (harmful := self._harmful()) is not None:
-            key, others, bare = harmful
-            before, with_it = (f"{1000 * one.check_rms.d3:.0f} mm" for one in (bare, self._now))
+            key, others, bare, which = harmful
+            if which == "check points":
+                was, now = (f"{1000 * one.check_rms.d3:.0f} mm" for one in (bare, self._now))
+            else:
+                was, now = (f"{e:.3f} px" for e in tie_gap(bare, self._now, self._held).values())
             self.notes.append(
-                f"{key} explains what was measured, but {before} of check points become "
-                f"{with_it} with it: it is not taken "
-                "for sure, and not added."
+                f"{key} explains what was measured, but {was} of {which} become {now} with it: it "
+                "is not taken for sure, and not added."
             )
             for one in self.findings.effects:
                 if one.key == key:
@@ -468,8 +472,8 @@ class Verification:
             others, bare = self._without(*doubtful)
             self._go_on(others, bare or self._now)
 
-    def _harmful(self) -> tuple[str, list[str], Adjustment] | None:
-        """The weakest effect that does harm, the model without it, and its fit.
+    def _harmful(self) -> tuple[str, list[str], Adjustment, str] | None:
+        """The weakest effect that does harm, the model without it, its fit, and to what.
 
         Where something unknown bends the pictures, it makes good control points contradict the
         rest as well: a point is not called wrong there if check points are off by any more.
@@ -498,7 +502,9 @@ class Verification:
             if harms(bare, self._now) or (
                 doubtful and len(bare.check_points) and self._now.check_rms.d3 > bare.check_rms.d3
             ):
-                return key, others, bare
+                return key, others, bare, "check points"
+            if worse(bare, self._now, self._held):
+                return key, others, bare, "image points that are left out"
         return None
 
     def _drop_untold(self) -> None:
