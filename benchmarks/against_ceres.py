@@ -13,7 +13,7 @@ weigh its image residuals.
 Why it is fair to Ceres. COLMAP's own adjuster builds the problem, with its compiled cost functions
 and its manifold of rotations; the position priors are COLMAP's too. Residuals are handed over in
 the order in which we use them. Ceres gets one thread, BLAS as well; a trust radius of 1e10, with
-which it takes the four steps that we take (eight with its own 1e4); a tolerance with which neither
+which it takes the three steps that we take (eight with its own 1e4); a tolerance with which neither
 side takes a step more than the other. At each size every entry of RIVALS is tried once
 (SPARSE_SCHUR, with and without scaling of the columns, and DENSE_SCHUR with LAPACK where it is
 affordable) and the fastest is measured. Ceres in the packages of pyceres and pycolmap has
@@ -192,7 +192,7 @@ class Ceres:
         options.num_threads = 1
         options.initial_trust_region_radius = 1e10
         options.use_nonmonotonic_steps = False
-        options.function_tolerance = 1e-8
+        options.function_tolerance = 1e-6
         options.gradient_tolerance = options.parameter_tolerance = 0.0
         options.logging_type = pyceres.LoggingType.SILENT
         options.sparse_linear_algebra_library_type = (

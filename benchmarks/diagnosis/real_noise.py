@@ -88,6 +88,8 @@ def scene_of(adjustment: Adjustment) -> Scene:
     """The scene of an adjusted block; speeds by differences of its positions within a strip."""
     block = adjustment.block
     images = block.images
+    if "time_s" not in images:
+        raise InputError(f"{block.name} has no times (time_s), which drifts and speeds need")
     w, x, y, z = images[["qw", "qx", "qy", "qz"]].to_numpy(float).T
     rotation = np.moveaxis(
         np.array(
@@ -281,7 +283,10 @@ def sigma_of(scene: Scene, slug: str) -> float:
     """Standard deviation with which the untouched block could estimate an amplitude."""
     block = with_columns(scene)
     if slug in ("control_blunder", "two_blunders"):
-        return float(np.median(block.ground["sz"]))
+        control = (block.ground["role"] == "control").to_numpy()
+        if np.count_nonzero(control) < 4:
+            raise InputError(f"{block.name} has fewer than four control points")
+        return float(np.median(block.ground_sigma()[control, 2]))
     table = corridor.adjust(block, effects=[slug]).effects
     return float(table["sigma"].iloc[0])
 
@@ -305,6 +310,12 @@ def inject(block: Block, scene: Scene, effects: dict[str, float], seed: int) -> 
         rows = getattr(block, table)
         if len(rows):
             moved = observed(scene, table, world) - observed(scene, table, plain)
+            if len(moved) < len(rows):  # the adjustment has left some out
+                seen, every = (
+                    pd.MultiIndex.from_frame(getattr(one, table)[["image", "point"]].astype(str))
+                    for one in (scene.block, block)
+                )
+                moved = np.vstack([moved, [np.nan, np.nan]])[seen.get_indexer(every)]
             xy = rows[["x", "y"]].to_numpy(float) + np.nan_to_num(moved)
             setattr(out, table, rows.assign(x=xy[:, 0], y=xy[:, 1]))
     if len(block.gnss):
@@ -443,13 +454,13 @@ def write(folder: Path, short: bool = False, blocks: Path | None = None) -> list
         single = len(case.effects) == 1 and set(case.effects) <= set(SINGLES)
         if short and single and 20.0 not in case.effects.values():
             continue
-        if case.part not in scenes:
-            block = known[case.part]()
-            scenes[case.part] = block, scene_of(corridor.adjust(block))
-        block, scene = scenes[case.part]
         own = {} if blocks is None else _known(blocks, case.part)
         amounts = {}
         try:
+            if case.part not in scenes:
+                block = known[case.part]()
+                scenes[case.part] = block, scene_of(corridor.adjust(block))
+            block, scene = scenes[case.part]
             for slug, ratio in case.effects.items():
                 if (case.part, slug) not in sigmas:
                     sigmas[case.part, slug] = sigma_of(scene, slug)
