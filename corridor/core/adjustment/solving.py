@@ -145,7 +145,7 @@ def _solve(normal, state, max_iterations, tolerance, say, history, equations=Fal
             # A damped step is short along what is badly determined: it proves nothing. Steps that
             # shrink fast leave little of what the last one moved: it is the rest that counts.
             rest = min(SHRINKING_MARGIN * length / last, 1.0) if 0.0 < last < np.inf else 1.0
-            newton = fresh and normal.loss.kind == SQUARES and not normal.has_image_effects
+            newton = fresh and not (damping or normal.loss.kind or normal.has_image_effects)
             done = (rest if newton else 1.0) * judged < tolerance and (
                 tolerance >= STEP_BEFORE_LOSS
                 or (damping == 0.0 and _at_rest(system, rest * shared, SHARED_STEP))
