@@ -24,6 +24,7 @@ from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.options import options
 from corridor.core.output import plain
 from corridor.core.preparation import (
+    contradicted,
     derived,
     mirrored,
     plausibility_warnings,
@@ -182,6 +183,7 @@ def _diagnose(
             *different_arms(after),
             *unseen_statements(block, found, limits),
             *cannot_separate(block, inseparable[:2]),
+            *contradicted(block),
             *course.notes,
             *course.impossible.values(),
             *course.idle,

@@ -8,7 +8,9 @@ import pytest
 import corridor
 from benchmarks.diagnosis.generator.cases import Case
 from benchmarks.diagnosis.generator.generate import generate
+from benchmarks.ladder import made
 from corridor.core.camera import INTERIOR
+from corridor.core.preparation import AGREES, CONTRADICTS, Witness, record_derived
 
 
 def surveyed(sigma, error, points=6, seed=1):
@@ -95,3 +97,15 @@ def test_a_wrong_calibration_is_not_called_another_height_system():
     block.cameras = {name: replace(camera, interior=interior, calibrated=True)}
     found = corridor.diagnose(block)
     assert "radial_distortion" in [one["slug"] for one in found.effects]
+
+
+def test_what_is_derived_and_contradicted_is_said():
+    block = made(12, 0).block
+    agrees = Witness("the course over ground", AGREES, "the same to 3 degrees")
+    against = Witness("the mapped centres", CONTRADICTS, "2.9 s late")
+    record_derived(block, "moments", "EXIF", None, "Times are EXIF's.", witnesses=[agrees])
+    record_derived(block, "gnss.sx", "EXIF", None, "Positions are EXIF's.", witnesses=[against])
+    said = "Positions are EXIF's. Contradicted by the mapped centres: 2.9 s late."
+    notes = corridor.diagnose(block).notes
+    assert said in notes
+    assert not any("Times are EXIF's" in note for note in notes)

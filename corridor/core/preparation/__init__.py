@@ -28,6 +28,7 @@ from corridor.core.preparation.record import (
     UNCHECKED,
     Derived,
     Witness,
+    contradicted,
     derived,
     derived_table,
 )

@@ -108,6 +108,16 @@ def _entry(witness: Witness) -> dict[str, str]:
     return {"from": witness.source, "says": witness.says, "text": witness.text}
 
 
+def contradicted(block: Block) -> list[str]:
+    """A sentence on each derived thing that something else contradicts, with what does so."""
+    return [
+        f"{one.sentence} Contradicted by {against.source}: {against.text or 'see there'}."
+        for one in derived(block)
+        for against in one.witnesses
+        if against.says == CONTRADICTS
+    ]
+
+
 def derived_table(block: Block) -> Table | None:
     """What was derived as one table, each with what else says so; None where nothing was."""
     rows: dict[tuple, list[str]] = {}
