@@ -327,6 +327,11 @@ def inject(block: Block, scene: Scene, effects: dict[str, float], seed: int) -> 
         out.ground.loc[row, ["x", "y", "z"]] += shift
     if "thermal" in effects:
         out.images = out.images.assign(temperature_c=25.0 + scene.temperature)
+    if world.readout and not {"vx", "strip"} & set(out.images):
+        # Differences across turns are no speeds that anybody could derive: they are stated.
+        out.images = out.images.assign(
+            **dict(zip(("vx", "vy", "vz"), scene.velocity.T, strict=True))
+        )
     return out, {"seed": seed, "effects": entries}
 
 
