@@ -15,6 +15,7 @@ from corridor.diagnosis.evidence.search import Found, contributions
 from corridor.diagnosis.findings.findings import Estimate, Findings, Unknown
 from corridor.diagnosis.system.elimination import Reduced
 from corridor.diagnosis.system.groups import Group
+from corridor.diagnosis.verification import verification
 from corridor.diagnosis.verification.held_out import harms
 from corridor.diagnosis.verification.verification import Verification
 
@@ -162,7 +163,7 @@ class TestCheckPointsHaveTheLastWord:
         [("image", "G1", "control_blunder.G1"), ("ground", "G1", None), ("image", None, None)],
     )
     def test_no_point_is_called_wrong_by_bent_pictures_that_check_points_contradict(
-        self, place, point, weakest
+        self, place, point, weakest, monkeypatch
     ):
         """Rows that wander by 1.5 px made two good control points contradict the rest."""
         asked = object.__new__(Verification)
@@ -176,6 +177,8 @@ class TestCheckPointsHaveTheLastWord:
         )
         asked.used, asked._now = [key], checked([[0.004, 0.0, 0.009]])
         asked._without = lambda _: ([], checked([[0.004, 0.0, 0.008]]))
+        asked._held = None
+        monkeypatch.setattr(verification, "worse", lambda *_: False)
         assert (asked._harmful() or [None])[0] == weakest
 
 
