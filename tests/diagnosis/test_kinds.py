@@ -133,8 +133,9 @@ class TestShiftsOfRowsInEachImage:
         ]
         assert any("along the columns of the pictures" in note for note in found.notes)
 
-    def test_rows_that_shift_are_not_called_so(self):
-        hidden = made(12, 4)
+    @pytest.mark.parametrize("seed", [4, 54022])
+    def test_rows_that_shift_are_not_called_so(self, seed):
+        hidden = made(12, seed)
         assert hidden.truth["outside"] == ["rows"]
         found = diagnose(hidden.block)
         assert not found.effects

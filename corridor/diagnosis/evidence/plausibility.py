@@ -67,13 +67,13 @@ def nameless(evidence: Evidence, found: Found, moving: bool) -> dict[str, str]:
         if group.own is None or not proper.any():
             continue
         without = {**found.chosen, n: np.where(proper, 1.0 / SETTINGS.free_size, kappa)}
-        # As likely without it as with it, or likelier.
-        if evidence.total(found.chosen) <= evidence.total(without):
+        # The name rests on this alone: it has to show as any name has to.
+        if evidence.total(found.chosen) - evidence.total(without) <= SETTINGS.named_least:
             called = f"{group.effect.called[0].upper()}{group.effect.called[1:]}"
             out[group.key] = (
                 f"{called} would fit, but neither the block nor its measurements show a readout, "
-                f"nor {', '.join(group.effect.proper)}, which nothing else looks like: it is not "
-                "taken for the cause. readout_s in block.toml, or rates.csv, would tell."
+                f"nor clearly {', '.join(group.effect.proper)}, which nothing else looks like: it is "
+                "not taken for the cause. readout_s in block.toml, or rates.csv, would tell."
             )
     return out
 
