@@ -325,8 +325,8 @@ def test_to_take_out_what_was_put_in_is_no_harm_to_check_points():
         return {
             "failed": None, "kind": "single", "hidden": "clock_offset", "named": True,
             "right_value": True, "inside": True, "wrong": [], "stated": True, "absurd": [],
-            "effects": [], "worse": after > real_rates.WORSE * before, "sure": [], "signals": {}, "errors": [],
-            "check": {"before": before, "after": after},
+            "worse": after > real_rates.WORSE * before, "sure": [], "signals": {}, "errors": [],
+            "effects": [], "check": {"before": before, "after": after},
         }  # fmt: skip
 
     rows = {

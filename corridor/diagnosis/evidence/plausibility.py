@@ -72,8 +72,8 @@ def nameless(evidence: Evidence, found: Found, moving: bool) -> dict[str, str]:
             called = f"{group.effect.called[0].upper()}{group.effect.called[1:]}"
             out[group.key] = (
                 f"{called} would fit, but neither the block nor its measurements show a readout, "
-                f"nor clearly {', '.join(group.effect.proper)}, which nothing else looks like: it is "
-                "not taken for the cause. readout_s in block.toml, or rates.csv, would tell."
+                f"nor clearly {', '.join(group.effect.proper)}, which nothing else looks like: it "
+                "is not taken for the cause. readout_s in block.toml, or rates.csv, would tell."
             )
     return out
 
