@@ -74,7 +74,12 @@ def read_ground(path: Path, block: Block) -> Ground:
         return read_gcp_list(path)
     found = read_text(path, exact=of_block)
     marks = _marks_beside(path) if of_block else []
-    return Ground(path, found.crs, found.table, marks, found.notes, found.unit)
+    crs = found.crs
+    # Metashape's reference tables state their system in a remark.
+    stated = re.search(r"(?im)^#\s*CoordinateSystem:\s*(\S.*)", head)
+    if crs is None and stated and not stated[1].upper().startswith("LOCAL"):
+        crs = known_crs(stated[1].strip()).to_wkt()
+    return Ground(path, crs, found.table, marks, found.notes, found.unit)
 
 
 def is_gcp_list(head: str) -> bool:
