@@ -489,6 +489,18 @@ def test_first_lines_that_name_none_say_what_to_write(tmp_path, head, said):
         add_ground(project, path)
 
 
+def test_marks_outside_their_pictures_are_told(tmp_path):
+    project = placed()
+    names, places = surveyed(project)
+    marks = project.block.marks[project.block.marks["point"] == names[0]]
+    image, width = marks["image"].iloc[0], next(iter(project.block.cameras.values())).width
+    x, y, z = places[0]
+    row = f"{x:.4f} {y:.4f} {z:.4f} {width + 50} 20 {image} far\n"
+    (tmp_path / "gcp_list.txt").write_text(f"{UTM}\n{row}")
+    made = add_ground(project, tmp_path / "gcp_list.txt")
+    assert "1 of 1 marks" in made.warnings[-1] and f"far in {image} at" in made.warnings[-1]
+
+
 def test_exchanged_axes_of_a_gcp_list_are_told_by_its_marks(tmp_path):
     project = placed()
     path = tmp_path / "gcp_list.txt"
