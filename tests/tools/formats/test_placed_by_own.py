@@ -73,7 +73,7 @@ def test_positions_without_a_place_on_earth_go_with_the_poses(block, tmp_path, l
     project = Project("made", tmp_path, free, placed=False)
     added = Additions()
     if listed:
-        far = ground[["x", "y", "z"]].to_numpy(float) + [467000.0, 5428000.0, 0.0]
+        far = ground[["y", "x", "z"]].to_numpy(float) * [-1, 1, 1] + [467000.0, 5428000.0, 0.0]
         rows = [" ".join(map(str, (n, *p))) for n, p in zip(ground["point"], far, strict=True)]
         (tmp_path / "points.txt").write_text("\n".join(rows) + "\n")
         added = Additions(ground=tmp_path / "points.txt", ground_crs="EPSG:25832")
