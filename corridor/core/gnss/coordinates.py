@@ -195,9 +195,47 @@ def _no_way(points: np.ndarray, source: str, target: str) -> str:
             f"{needs} needs {' and '.join(grids)}, which is not installed: `pyproj sync {files}` "
             "fetches it; or give heights above the ellipsoid in a system without a vertical part"
         )
+    heights = [
+        name for crs, name in ((source, named), (target, other)) if known_crs(crs).is_compound
+    ]
+    if heights:
+        return (
+            f"PROJ knows no way between the heights of {heights[0]} and the ellipsoid: give them "
+            "above the ellipsoid, in a system without a vertical part"
+        )
     return (
         f"no exact transformation from {named} to {other} is known: PROJ would be off by tens of "
         "metres; write the system by its EPSG code, which states its datum"
+    )
+
+
+def loosely_known(lon: float, lat: float, source: str, target: str) -> str:
+    """A sentence where the datums of two systems are joined to more than a metre; empty elsewhere.
+
+    lon, lat: degrees, of the place. EPSG states 1 m between datums that are taken as one.
+    """
+    from pyproj.exceptions import ProjError
+
+    one, other = (
+        (system.sub_crs_list[0] if system.is_compound else system).geodetic_crs
+        for system in map(known_crs, (source, target))
+    )
+    if one is None or other is None or one.equals(other, ignore_axis_order=True):
+        return ""
+    try:
+        way = _between(one.to_wkt(), other.to_wkt())
+        way.transform(lon, lat, 0.0)
+        known_m = way.accuracy if way.accuracy >= 0 else way.get_last_used_operation().accuracy
+    except ProjError:  # that is told where coordinates are converted
+        return ""
+    if not known_m > 1.0:
+        return ""
+    names = ("WGS 84" if crs == GEOGRAPHIC else _called(crs) for crs in (source, target))
+    files = " ".join(f"--file {g.removesuffix('.tif')}" for g in _missing_grids(source, target))
+    return (
+        f"PROJ knows the way between {' and '.join(names)} to {known_m:g} m only: what GNSS and "
+        "what the surveyor gave may lie as far apart"
+        + (f"; `pyproj sync {files}` fetches what says it better" if files else "")
     )
 
 
@@ -237,7 +275,7 @@ def outside_area(points: np.ndarray, crs: str, converted: bool = False) -> str:
     system, named = known_crs(crs), _called(crs)
     x, y = np.median(points[:, :2], axis=0)
     shown = f"x = {x:.10g}, y = {y:.10g} {{}} the area of use of {named}"
-    lon, lat = _lon_lat(x, y, system)
+    lon, lat = lon_lat(x, y, system)
     if not (np.isfinite([lon, lat]).all() and abs(lat) <= 90 and abs(lon) <= 360):
         return shown.format("are not coordinates in")
     level = system.sub_crs_list[0] if system.is_compound else system
@@ -256,7 +294,7 @@ def outside_area(points: np.ndarray, crs: str, converted: bool = False) -> str:
     )
 
 
-def _lon_lat(x: float, y: float, system: pyproj.CRS) -> tuple[float, float]:
+def lon_lat(x: float, y: float, system: pyproj.CRS) -> tuple[float, float]:
     """Longitude and latitude, degrees, of x and y on the system's own datum; inf where none."""
     from pyproj import Transformer
     from pyproj.exceptions import ProjError

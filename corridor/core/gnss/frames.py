@@ -13,7 +13,14 @@ import numpy as np
 from corridor.core.block import Block
 from corridor.core.errors import InputError
 from corridor.core.geometry import similarity
-from corridor.core.gnss.coordinates import Local, convert, known_crs, outside_area
+from corridor.core.gnss.coordinates import (
+    Local,
+    convert,
+    known_crs,
+    lon_lat,
+    loosely_known,
+    outside_area,
+)
 from corridor.core.gnss.track import GEOGRAPHIC
 
 FRAME = "local_frame"
@@ -82,6 +89,19 @@ def about_the_middle(block: Block) -> Local:
     known = places[np.isfinite(places).all(axis=1)]
     middle = (known.min(axis=0) + known.max(axis=0)) / 2 + block.offset
     return Local.amid(middle[None], block.crs)
+
+
+def loose_way(block: Block, crs: str | None) -> str:
+    """A sentence where the datum of a system is joined only loosely to the block's; else empty."""
+    local = local_of(block)
+    if crs is None or block.crs is None and local is None:
+        return ""
+    if local is None:
+        x, y, _ = np.nanmedian(places_of(block), axis=0) + block.offset
+        lon, lat = lon_lat(x, y, known_crs(block.crs))
+    else:
+        lon, lat = local.lon_deg, local.lat_deg
+    return loosely_known(lon, lat, crs, block.crs or GEOGRAPHIC)
 
 
 def places_of(block: Block) -> np.ndarray:

@@ -17,7 +17,7 @@ import pandas as pd
 from corridor.core.block import LAYOUTS, Block, place, read_columns
 from corridor.core.errors import InputError
 from corridor.core.geometry import similarity
-from corridor.core.gnss import GEOGRAPHIC, convert, known_crs, local_of, outside_area
+from corridor.core.gnss import GEOGRAPHIC, convert, known_crs, local_of, loose_way, outside_area
 from corridor.core.textfile import Line
 from corridor.tools.formats.frames import height_unit
 from corridor.tools.formats.ground_text import read_text
@@ -276,6 +276,7 @@ def add_to(project: Project, ground: Ground) -> Project:
                 told = remedy(marked, list(new["point"]), given, ground.crs, in_frame)
             raise InputError(f"{error}; {told}" if told else str(error)) from None
         new = new.assign(**dict(zip(_XYZ, places.T, strict=True)))
+        warnings += filter(None, [loose_way(block, ground.crs)])
     block = replace(block, marks=marks)
     if not ground.marks:
         block = _measured_already(block, new, project.placed, notes)

@@ -522,6 +522,12 @@ def test_crs_converts_a_project_that_has_a_place():
     assert any("converted" in note for note in project.notes)
 
 
+def test_a_system_whose_datum_is_joined_loosely_is_told_with_what_joins_it_better():
+    project = complete(placed(), Additions(crs="EPSG:31467"))
+    assert any("EPSG:31467 and WGS 84 to 3 m only" in told for told in project.warnings)
+    assert not any("m only" in told for told in complete(placed(), Additions(crs=UTM)).warnings)
+
+
 def test_crs_never_labels_what_is_not_in_it():
     project = placed()
     project.block.extra.pop("local_frame")
