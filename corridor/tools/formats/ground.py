@@ -125,7 +125,8 @@ def read_gcp_list(path: Path) -> Ground:
             crs = _known_system(line)
             continue
         # A name may stand in quotes, and have blanks in them.
-        words = next(csv.reader([" ".join(line.text.split())], delimiter=" "))
+        text = line.text.replace(",", " ") if line.text.count(",") > 4 else line.text
+        words = next(csv.reader([" ".join(text.split())], delimiter=" "))
         if len(words) == 5 and not says_number(words[4]):
             # x y column row image: a point without height
             words = [*words[:2], "0", *words[2:]]

@@ -489,6 +489,17 @@ def test_first_lines_that_name_none_say_what_to_write(tmp_path, head, said):
         add_ground(project, path)
 
 
+def test_a_gcp_list_with_commas_is_the_same_list(tmp_path):
+    project = placed()
+    path = tmp_path / "gcp_list.txt"
+    path.write_text(gcp_list(project, UTM))
+    plain = read_gcp_list(path)
+    head, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([head, *(",".join(row.split()) for row in rows)]))
+    again = read_gcp_list(path)
+    assert again.marks == plain.marks and again.table.equals(plain.table)
+
+
 def test_marks_outside_their_pictures_are_told(tmp_path):
     project = placed()
     names, places = surveyed(project)

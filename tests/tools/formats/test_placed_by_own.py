@@ -101,6 +101,16 @@ def test_markers_of_another_export_keep_the_system_of_their_file(block, tmp_path
     assert np.ptp(off, axis=0).max() < 0.01 and len(made.ground) == len(block.ground)
 
 
+def test_markers_without_a_height_are_not_left_out_in_silence(block, tmp_path):
+    export_project(block, "metashape", tmp_path)
+    file = tmp_path / "markers.xml"
+    text, count = re.subn('(<reference x="[^"]+" y="[^"]+") z="[^"]+"', r"\1", file.read_text())
+    file.write_text(text)
+    made = read_project(tmp_path)
+    assert not len(made.block.ground) and count > 1
+    assert any(f"{count} markers have x and y and no height" in told for told in made.warnings)
+
+
 def test_control_in_the_frame_of_a_local_block_places_it_as_it_is(block, tmp_path):
     blocks_exchange(block, tmp_path / "block.xml")
     project = complete(read_project(tmp_path), Additions())

@@ -529,7 +529,7 @@ def _project(chunk, cloud, path, notes, warnings):
         ties=ties,
         points=points,
         marks=_marks(chunk, labels, called, notes),
-        ground=_ground(chunk, world, called) if placed or world.local or local else None,
+        ground=_ground(chunk, world, called, warnings) if placed or world.local or local else None,
         gnss=_gnss(labels, reference, measured, have, notes),
         distances=_distances(chunk, called, notes),
         local=world.local,
@@ -722,11 +722,17 @@ def _called(chunk):
     return {n: f"{label} ({n})" if many[label] > 1 else label for n, label in labels.items()}
 
 
-def _ground(chunk, world, called):
+def _ground(chunk, world, called, warnings):
     """ground.csv of the markers with a reference; None without any."""
     numbers = list(chunk.markers)
     found = _Reference([chunk.markers[number].find("reference") for number in numbers])
     rows = np.flatnonzero(np.isfinite(found.place).all(axis=1))
+    stated = [chunk.markers[number].find("reference[@x]") is not None for number in numbers]
+    if sum(stated) > len(rows):
+        warnings.append(
+            f"{sum(stated) - len(rows)} markers have x and y and no height (z): they are no ground "
+            "points; give them a height and its accuracy"
+        )
     if not len(rows):
         return None
     return ground_table(
