@@ -195,12 +195,10 @@ def _no_way(points: np.ndarray, source: str, target: str) -> str:
             f"{needs} needs {' and '.join(grids)}, which is not installed: `pyproj sync {files}` "
             "fetches it; or give heights above the ellipsoid in a system without a vertical part"
         )
-    heights = [
-        name for crs, name in ((source, named), (target, other)) if known_crs(crs).is_compound
-    ]
-    if heights:
+    if known_crs(source).is_compound or known_crs(target).is_compound:
+        heights = named if known_crs(source).is_compound else other
         return (
-            f"PROJ knows no way between the heights of {heights[0]} and the ellipsoid: give them "
+            f"PROJ knows no way between the heights of {heights} and the ellipsoid: give them "
             "above the ellipsoid, in a system without a vertical part"
         )
     return (
@@ -216,17 +214,13 @@ def loosely_known(lon: float, lat: float, source: str, target: str) -> str:
     """
     from pyproj.exceptions import ProjError
 
-    one, other = (
-        (system.sub_crs_list[0] if system.is_compound else system).geodetic_crs
-        for system in map(known_crs, (source, target))
-    )
-    if one is None or other is None or one.equals(other, ignore_axis_order=True):
-        return ""
+    systems = map(known_crs, (source, target))
+    one, other = (s.sub_crs_list[0] if s.is_compound else s for s in systems)
     try:
-        way = _between(one.to_wkt(), other.to_wkt())
+        way = _between(*((system.geodetic_crs or system).to_wkt() for system in (one, other)))
         way.transform(lon, lat, 0.0)
         known_m = way.accuracy if way.accuracy >= 0 else way.get_last_used_operation().accuracy
-    except ProjError:  # that is told where coordinates are converted
+    except ProjError:  # no step, or told where points are converted
         return ""
     if not known_m > 1.0:
         return ""

@@ -13,14 +13,8 @@ import numpy as np
 from corridor.core.block import Block
 from corridor.core.errors import InputError
 from corridor.core.geometry import similarity
-from corridor.core.gnss.coordinates import (
-    Local,
-    convert,
-    known_crs,
-    lon_lat,
-    loosely_known,
-    outside_area,
-)
+from corridor.core.gnss import coordinates
+from corridor.core.gnss.coordinates import Local, convert, known_crs, outside_area
 from corridor.core.gnss.track import GEOGRAPHIC
 
 FRAME = "local_frame"
@@ -91,17 +85,18 @@ def about_the_middle(block: Block) -> Local:
     return Local.amid(middle[None], block.crs)
 
 
-def loose_way(block: Block, crs: str | None) -> str:
-    """A sentence where the datum of a system is joined only loosely to the block's; else empty."""
+def loose_way(block: Block, crs: str | None) -> list[str]:
+    """A sentence where the datum of a system is joined only loosely to the block's."""
     local = local_of(block)
     if crs is None or block.crs is None and local is None:
-        return ""
+        return []
     if local is None:
         x, y, _ = np.nanmedian(places_of(block), axis=0) + block.offset
-        lon, lat = lon_lat(x, y, known_crs(block.crs))
+        place = coordinates.lon_lat(x, y, known_crs(str(block.crs)))
     else:
-        lon, lat = local.lon_deg, local.lat_deg
-    return loosely_known(lon, lat, crs, block.crs or GEOGRAPHIC)
+        place = local.lon_deg, local.lat_deg
+    told = coordinates.loosely_known(*place, crs, block.crs or GEOGRAPHIC)
+    return [told] if told else []
 
 
 def places_of(block: Block) -> np.ndarray:

@@ -360,11 +360,10 @@ def _outside(block: Block, points: set[str], file: str) -> str:
     if not out.any():
         return ""
     first = block.marks[out].iloc[0]
-    camera = block.cameras[block.images["camera"].iloc[block.image_rows("marks")[out][0]]]
     return (
         f"{out.sum()} of {mine.sum()} marks of {file} lie outside their pictures (first: "
-        f"{first['point']} in {first['image']} at {first['x']:.0f}, {first['y']:.0f}, of "
-        f"{camera.width} x {camera.height} px): give pixels of these pictures, column before row"
+        f"{first['point']} in {first['image']} at {first['x']:.0f}, {first['y']:.0f}): give "
+        "pixels of the pictures of the project, column before row"
     )
 
 

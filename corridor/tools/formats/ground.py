@@ -277,7 +277,7 @@ def add_to(project: Project, ground: Ground) -> Project:
                 told = remedy(marked, list(new["point"]), given, ground.crs, in_frame)
             raise InputError(f"{error}; {told}" if told else str(error)) from None
         new = new.assign(**dict(zip(_XYZ, places.T, strict=True)))
-        warnings += filter(None, [loose_way(block, ground.crs)])
+        warnings += loose_way(block, ground.crs)
     block = replace(block, marks=marks)
     if not ground.marks:
         block = _measured_already(block, new, project.placed, notes)

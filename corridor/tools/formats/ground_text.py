@@ -46,18 +46,11 @@ _COLUMN = {word: column for column, words in _WORDS.items() for word in words.sp
 # What a receiver's program writes beside such a word, and it stays the same column.
 _BESIDE = "(?:wgs84|etrs89|grid|local|ell(?:ip(?:s(?:oid(?:al)?)?)?)?|orth?om?(?:etric[ao]?)?)*"
 _SPREAD = "sigma|stdev|stddev|std|sd|accuracy|acc|precision|prec|rms|cq"
-_OF_AXIS = {"": "sxyz", "xyz": "sxyz", "x": "sx", "y": "sy", "z": "sz"} | {
-    word: column
-    for column, words in (
-        ("sxy", "xy horizontal horz hz lateral 2d"),
-        ("sz", "vertical vert vt v 1d"),
-    )
-    for word in words.split()
-}
-# Japanese plane coordinates: X is north.
-_JAPANESE = (("点名", "name"), ("点番号", "name"), ("x座標", "north"), ("y座標", "east"),
-             ("標高", "height"), ("楕円体高", "ellipsoidalheight"), ("緯度", "lat"),
-             ("経度", "lon"))  # fmt: skip
+_AXES = {"sx": "x", "sy": "y", "sz": "z vertical vert vt v 1d", "sxyz": " xyz",
+         "sxy": "xy horizontal horz hz lateral 2d"}  # fmt: skip
+# Letters that are written otherwise; of Japanese plane coordinates X is north.
+_PLAIN = ("ö=oe ä=ae ü=ue σ=sigma ß=ss 点名=name 点番号=name x座標=north y座標=east 標高=height "
+          "楕円体高=ellipsoidalheight 緯度=lat 経度=lon")  # fmt: skip
 _PLACE = ("x", "y", "z")
 _UNITS = ("(us|intl?|international|survey|us?survey)?(s?ft|feet|foot)(us|int)?", "[cdkm]m",
           "(centi|deci|kilo|milli)met(er|re)s?")  # fmt: skip
@@ -172,8 +165,7 @@ def _is_place_like(cell: str) -> bool:
 def _word(cell: str) -> str:
     """`Höhe [m]` as hoehe, `Accuracy_XY (m)` as accuracyxy."""
     text = cell.lower()
-    umlauts = (("ö", "oe"), ("ä", "ae"), ("ü", "ue"), ("σ", "sigma"), ("ß", "ss"))
-    for mark, plain in (*umlauts, *_JAPANESE):
+    for mark, plain in (pair.split("=") for pair in _PLAIN.split()):
         text = unicodedata.normalize("NFC", text).replace(mark, plain)
     text = re.sub(r"\(.*?\)|\[.*?\]", "", text)
     return re.sub(r"[^a-z0-9]", "", unicodedata.normalize("NFD", text))
@@ -188,8 +180,9 @@ def _column(cell: str) -> str | None:
     if spread is None:
         return _COLUMN.get(re.fullmatch(f"{_BESIDE}(.*?){_BESIDE}", word)[1])
     # Of 95 %, say, it is no standard deviation.
-    axis = spread[1] if spread[1] is not None else spread[2]
-    return None if "%" in cell else _OF_AXIS.get(_COLUMN.get(axis) or axis)
+    axis = next(word for word in spread.groups() if word is not None)
+    found = [key for key, words in _AXES.items() if (_COLUMN.get(axis) or axis) in words.split(" ")]
+    return found[0] if found and "%" not in cell else None
 
 
 def _columns(cells: list[str]) -> list[str | None]:
@@ -350,6 +343,11 @@ def _coordinate(line: Line, cell: str, key: str) -> float:
     value, angle = _number(cell), _ANGLE.fullmatch(cell)
     if value is not None and np.isfinite(value):
         return value
+    if re.search(r"(?i)\.(jpe?g|tiff?|png|dng)\b", line.text):
+        raise line.wrong(
+            "a photograph stands beside the point: this lists where points are seen, not where "
+            "they are; give a gcp_list.txt (x y z column row image name), which says both"
+        )
     if key in _PLACE or angle is None:
         return line.number(cell, "a coordinate")
     half = (angle[1] or angle[5]).upper()

@@ -285,7 +285,7 @@ def in_crs(project: Project, crs: str) -> Project:
     if local is not None:
         told = f"east, north, up about {local.lat_deg:g}, {local.lon_deg:g}"
     elif block.crs is None:
-        if outside := _outside(block, crs):
+        if outside := outside_area(block.numbers("images", *"xyz") + block.offset, crs):
             raise InputError(
                 f"--crs {crs}: the project's coordinates are not in it ({outside}); it has a frame "
                 "of its own: place it with --photos or --track, or leave --crs out"
@@ -295,13 +295,9 @@ def in_crs(project: Project, crs: str) -> Project:
         return project.having(crs=crs)
     else:
         told = block.crs if len(block.crs) <= 40 else known_crs(block.crs).name
-    made, loose = near_origin(moved(block, crs)), loose_way(block, crs)
+    made = near_origin(moved(block, crs))
     note = f"coordinates were converted from {told} to {crs}, point by point"
-    return replace(project, block=made).having(notes=[note], warnings=[loose] if loose else ())
-
-
-def _outside(block: Block, crs: str) -> str:
-    return outside_area(block.numbers("images", *"xyz") + block.offset, crs)
+    return replace(project, block=made).having(notes=[note], warnings=loose_way(block, crs))
 
 
 def in_local_frame(project: Project, crs: str | None) -> Project:
@@ -321,19 +317,20 @@ def in_local_frame(project: Project, crs: str | None) -> Project:
         project = project.noted(note)
     elif crs is None:
         return project
-    elif loose := loose_way(block, crs):
-        project = project.warned(loose)
+    project = project.having(warnings=loose_way(block, crs))
     return replace(project, block=moved(block, local, crs))
 
 
 def complete(project: Project, added: Additions, say: Callable[..., None] = silent) -> Project:
     """The project with what photographs, a track and a file of ground points know."""
-    # What photographs or a track will place goes into the system afterwards.
-    free = local_of(project.block) is None and project.block.crs is None
-    waits = free and not project.placed and (added.photos or added.track) is not None
-    waits = waits and added.crs is not None and _outside(project.block, added.crs)
-    if added.crs is not None and not waits:
-        project = in_crs(project, added.crs)
+    late = None
+    if added.crs is not None:
+        try:
+            project = in_crs(project, added.crs)
+        except InputError:
+            if project.placed or not (added.photos or added.track):
+                raise
+            late = added.crs  # once photographs or a track have placed it
     photos, exposures = {}, None
     if added.photos is not None:
         say(f"reading the photographs of {added.photos}")
@@ -348,12 +345,12 @@ def complete(project: Project, added: Additions, say: Callable[..., None] = sile
         track = Track(added.track, added.track_system, added.images_system)
         with blaming(added.track, "a track"):
             project = add_track(project, exposures, track)
-    if waits:
-        project = in_crs(project, added.crs)
+    if late is not None:
+        project = in_crs(project, late)
     if added.ground is not None:
         project = add_ground(project, added.ground, photos, added.ground_crs)
     if added.photos or added.track:
-        project = project.having(warnings=filter(None, [loose_way(project.block, GEOGRAPHIC)]))
+        project = project.having(warnings=loose_way(project.block, GEOGRAPHIC))
     # Only now is it known in which frame the project is.
     project = in_own_frame(with_motion(placed_by_own(project, last=True), photos))
     if photos and len(project.block.gnss) and added.track is None:

@@ -489,6 +489,13 @@ def test_first_lines_that_name_none_say_what_to_write(tmp_path, head, said):
         add_ground(project, path)
 
 
+@pytest.mark.parametrize("row", ["P1,DJI_0001.JPG,10.5,20.5", "DJI_0001.JPG,P1,10.5,20.5"])
+def test_a_table_of_marks_is_called_what_it_is(tmp_path, row):
+    (tmp_path / "marks.txt").write_text(f"{row}\n{row.replace('P1', 'P2')}\n")
+    with pytest.raises(InputError, match=r"marks.txt, line 1: .*where points are seen"):
+        read_text(tmp_path / "marks.txt")
+
+
 def test_a_gcp_list_with_commas_is_the_same_list(tmp_path):
     project = placed()
     path = tmp_path / "gcp_list.txt"

@@ -296,7 +296,6 @@ def _together(path, notes, warnings):
             )
         else:
             chunk.add(part)
-    chunk.crs = chunk.crs or chunk.marker_crs
     return chunk
 
 
@@ -469,6 +468,7 @@ def _project(chunk, cloud, path, notes, warnings):
         )
     parts = [chunk.cameras[label] for label in labels]
     _with_degrees(chunk, parts, notes)
+    chunk.crs = chunk.crs or chunk.marker_crs
     crs = _crs(chunk.crs)
     moves, component = _components(chunk, labels, warnings)
     centre, rotation, world = _poses(chunk, labels, moves, component, notes)
@@ -728,11 +728,9 @@ def _ground(chunk, world, called, warnings):
     found = _Reference([chunk.markers[number].find("reference") for number in numbers])
     rows = np.flatnonzero(np.isfinite(found.place).all(axis=1))
     stated = [chunk.markers[number].find("reference[@x]") is not None for number in numbers]
-    if sum(stated) > len(rows):
-        warnings.append(
-            f"{sum(stated) - len(rows)} markers have x and y and no height (z): they are no ground "
-            "points; give them a height and its accuracy"
-        )
+    if lost := sum(stated) - len(rows):
+        told = f"{lost} markers have x and y and no height (z), so they are no ground points"
+        warnings.append(f"{told}: give them a height and its accuracy")
     if not len(rows):
         return None
     return ground_table(
