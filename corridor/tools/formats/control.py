@@ -236,7 +236,7 @@ def placed_by_own(project: Project, last: bool = False) -> Project:
         made = _placed(project, name)
         if made.placed or not len(block.gnss):
             return made.having(description="") if made.placed else made
-    if not len(block.gnss):
+    if not (apart or len(block.gnss)):
         return project
     rows, given = block.image_rows("gnss"), block.numbers("gnss", *XYZ)
     met = block.poses[rows, :3]
