@@ -366,7 +366,11 @@ TRIES = (
     Try("309", _META % "two_systems", 0, "29 GNSS positions", "km"),
     Try("310", _META % "no_heights", 0, "6 markers have x and y and no height"),
     Try(
-        "311", "import auto {w}/opensfm_no_place -o {o}/b", 0, "placed by 29 positions", "arbitrary"
+        "311",
+        "import auto {w}/opensfm_no_place -o {o}/b",
+        0,
+        "frame is that of its 29 positions",
+        "arbitrary",
     ),
     Try(
         "312",

@@ -244,9 +244,14 @@ def placed_by_own(project: Project, last: bool = False) -> Project:
     names = block.gnss["image"].to_numpy()[good].astype(str).tolist()
     found = _robust(Seen(names, given[good], met[good], np.zeros(len(names))))
     if found is None:
-        told = f"the positions of {name} do not place it, and were left out"
-        return _in_no_frame(project.having(gnss=block.gnss.iloc[:0]), told)
+        return _in_no_frame(project, f"the positions of {name} do not place it")
     move, away = found
+    off = np.median(np.linalg.norm(met - given, axis=1)[good])
+    if not apart:
+        # Poses are in the frame of the positions already, or nobody knows in which.
+        near = 3 * max(np.median(away), np.median(np.linalg.norm(block.gnss_sigma(), axis=1)))
+        told = f"the frame is that of its {len(names)} positions, {off:.2g} m from camera centres"
+        return project.having(placed=True, notes=[told]) if off <= near else project
     told = (
         f"placed by {len(names)} positions of {name}: scale {move.scale:.6g}, camera centres "
         f"{np.median(away):.2g} m (median) from them"
