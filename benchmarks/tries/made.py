@@ -24,6 +24,7 @@ from corridor.core.camera import Camera
 from corridor.core.geometry import rotation_from_quaternion
 from corridor.core.gnss import (
     Local,
+    convert,
 )
 from corridor.core.simulation import read_plan
 from corridor.tools.formats import export_project
@@ -258,6 +259,14 @@ def _projects(home: Path, block: Block) -> None:
     """Projects of other programs, and the same with one thing changed."""
     for form in ("metashape", "colmap-text", "opensfm", "bundler", "micmac"):
         export_project(block, form, home / form, corrected=True)
+    shutil.copytree(home / "opensfm", home / "opensfm_no_place", dirs_exist_ok=True)
+    (home / "opensfm_no_place" / "reference_lla.json").unlink()
+    path = home / "opensfm_no_place" / "reconstruction.json"
+    made = json.loads(path.read_text(encoding="utf-8"))
+    made[0].pop("reference_lla", None)
+    path.write_text(json.dumps(made), encoding="utf-8")
+    shutil.copytree(home / "colmap-text", home / "colmap_free", dirs_exist_ok=True)
+    (home / "colmap_free" / "ground_points.csv").unlink()
     export_project(block, "colmap-text", home / "colmap_utm", corrected=True, to_crs=CRS)
     colmap = home / "colmap-text"
 
@@ -315,6 +324,20 @@ def _metashape(home: Path) -> None:
     other("compound", lambda t: t.replace(system, "<reference>EPSG:25832+7837"))
     placed = re.search(r"<transform>\s*<rotation>.*?</transform>", text, re.DOTALL)
     other("no_transform", lambda t: t.replace(placed[0], ""))
+    stated = 'LOCAL_CS["Local Coordinates (m)",LOCAL_DATUM["Local Datum",0],UNIT["metre",1]]'
+
+    def in_grid(match):
+        place = convert([[float(word) for word in match.groups()]], "EPSG:4979", CRS)[0]
+        return '<reference x="{}" y="{}" z="{}"'.format(*place.tolist())
+
+    def gridded(text, system):
+        text = re.sub('<reference x="([^"]+)" y="([^"]+)" z="([^"]+)"', in_grid, text)
+        return re.sub("(?s)<reference>.*?</reference>", f"<reference>{system}</reference>", text)
+
+    other("local_free", lambda t: gridded(t.replace(placed[0], ""), stated))
+    other("two_systems", lambda t: gridded(t, CRS) if "<location" in t else t)
+    flat = re.compile('(<marker [^>]*>\\s*<reference x="[^"]+" y="[^"]+") z="[^"]+"')
+    other("no_heights", lambda t: flat.sub(r"\1", t))
 
 
 def _pix4d(block: Block, folder: Path) -> None:
@@ -418,6 +441,27 @@ def _ground(home: Path, block: Block, grid: Block) -> None:
           lambda n, x, y, z: f"{n},{x:.3f},{y:.3f},{z:.3f},8,9,15")  # fmt: skip
     table("title.csv", "Project: Bridge 12\nSurveyor; J. Doe\nPoint,Easting,Northing,Height",
           lambda n, x, y, z: f"{n},{x:.3f},{y:.3f},{z:.3f}")  # fmt: skip
+    table("leica.txt", "Point ID\tPoint Role\tEasting\tNorthing\tEllip. Height\t3D CQ\t2D CQ\t1D CQ",
+          lambda n, x, y, z: f"{n}\tMeasured\t{x:.3f}\t{y:.3f}\t{z:.3f}\t0.02\t0.01\t0.02")  # fmt: skip
+    table("trimble.csv", "Point ID,Grid Northing,Grid Easting,Grid Elevation,Feature Code,"
+          "Horizontal Precision (95%)",
+          lambda n, x, y, z: f"{n},{y:.3f},{x:.3f},{z:.3f},GCP,0.022")  # fmt: skip
+    table("topcon.txt", "Name,WGS84 Latitude,WGS84 Longitude,WGS84 Ell.Height (m),HRMS,VRMS",
+          lambda n, x, y, z: f"{n},{y:.9f},{x:.9f},{z:.3f},0.011,0.023", degrees)  # fmt: skip
+    table("klau.csv", "Filename,Latitude,Longitude,Ellipsoid Height,Sigma N,Sigma E,Sigma U",
+          lambda n, x, y, z: f"{n},{y:.9f},{x:.9f},{z:.3f},0.01,0.01,0.02", degrees)  # fmt: skip
+    table("aeropoints.csv", "AeroPoint ID,Lat,Lng,Ellipsoidal Height (m),Geoid Height (m)",
+          lambda n, x, y, z: f"{n},{y:.9f},{x:.9f},{z:.3f},{z - GEOID_M:.3f}", degrees)  # fmt: skip
+    table("japan.csv", "点名,X座標,Y座標,標高", lambda n, x, y, z: f"{n},{y:.3f},{x:.3f},{z:.3f}")
+    table("swiss.csv", "Matricule;X;Y;Z",
+          lambda n, x, y, z: f"{n};{x:_.3f};{y:_.3f};{z:.3f}".replace("_", "'"))  # fmt: skip
+    table("stated.csv", f"# CoordinateSystem: {CRS}\n#Label,X/Easting,Y/Northing,Z/Altitude",
+          lambda n, x, y, z: f"{n},{x:.3f},{y:.3f},{z:.3f}")  # fmt: skip
+    table("dashes.csv", "name,lat,lon,h",
+          lambda n, x, y, z: f"{n},{_minutes(y, '-')}N,{_minutes(x, '-')}E,{z:.3f}", degrees)  # fmt: skip
+    gk = convert(degrees, "EPSG:4979", "EPSG:31467")
+    table("gk.csv", "Name,Rechtswert,Hochwert,Höhe",
+          lambda n, x, y, z: f"{n},{x:.3f},{y:.3f},{z:.3f}", gk)  # fmt: skip
     table("points.gsi", "", lambda n, x, y, z: f"*110001+{n:0>16} 81..10+{x * 1000:016.0f}")
     _text(folder / "points.json", '{"type": "FeatureCollection", "features": []}')
     table("latlon.csv", "", lambda n, x, y, z: f"{n},{y:.8f},{x:.8f},{z:.3f}", degrees)
@@ -430,9 +474,10 @@ def _ground(home: Path, block: Block, grid: Block) -> None:
     _gcp_lists(home, grid, utm, degrees, names)
 
 
-def _minutes(degrees: float) -> str:
+def _minutes(degrees: float, mark: str = "°'\"") -> str:
     minutes = 60 * (degrees % 1)
-    return f"{int(degrees)}°{int(minutes):02d}'{60 * (minutes % 1):08.5f}\""
+    first, second, last = mark if len(mark) == 3 else (mark, mark, "")
+    return f"{int(degrees)}{first}{int(minutes):02d}{second}{60 * (minutes % 1):08.5f}{last}"
 
 
 def _gcp_lists(home, grid, utm, degrees, names) -> None:
@@ -464,6 +509,14 @@ def _gcp_lists(home, grid, utm, degrees, names) -> None:
     listed("gcp_degrees.txt", "EPSG:4326", degrees)
     listed("gcp_degrees_swapped.txt", "EPSG:4326", degrees[:, [1, 0, 2]])
     listed("gcp_gk.txt", "EPSG:31467", utm)
+    listed("gcp_commas.txt", CRS, utm, blank=",")
+    rows = (home / "ground" / "gcp_list.txt").read_text(encoding="utf-8").splitlines()
+    words = [row.split() for row in rows[1:]]
+    change = [[*w[:3], w[4], w[3], *w[5:]] for w in words]
+    _text(home / "ground" / "gcp_rows_first.txt", CRS, *map(" ".join, change))
+    change = [[*words[0][:3], "4000", "3000", *words[0][5:]], *words[1:]]
+    _text(home / "ground" / "gcp_outside.txt", CRS, *map(" ".join, change))
+    _text(home / "ground" / "seen_in.csv", *[f"{w[6]},{w[5]},{w[3]},{w[4]}" for w in words])
     listed("gcp_swapped.txt", CRS, utm[:, [1, 0, 2]])
     listed("gcp_compound.txt", "EPSG:25832+7837", utm)
     for name in ("opensfm_gcp", "odm/opensfm"):

@@ -20,6 +20,7 @@ from corridor.core.gnss.frames import (
     in_metres,
     in_world,
     local_of,
+    loose_way,
     metric,
     places_of,
     world_crs,

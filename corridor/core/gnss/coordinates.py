@@ -195,9 +195,41 @@ def _no_way(points: np.ndarray, source: str, target: str) -> str:
             f"{needs} needs {' and '.join(grids)}, which is not installed: `pyproj sync {files}` "
             "fetches it; or give heights above the ellipsoid in a system without a vertical part"
         )
+    if known_crs(source).is_compound or known_crs(target).is_compound:
+        heights = named if known_crs(source).is_compound else other
+        return (
+            f"PROJ knows no way between the heights of {heights} and the ellipsoid: give them "
+            "above the ellipsoid, in a system without a vertical part"
+        )
     return (
         f"no exact transformation from {named} to {other} is known: PROJ would be off by tens of "
         "metres; write the system by its EPSG code, which states its datum"
+    )
+
+
+def loosely_known(lon: float, lat: float, source: str, target: str) -> str:
+    """A sentence where the datums of two systems are joined to more than a metre; empty elsewhere.
+
+    lon, lat: degrees, of the place. EPSG states 1 m between datums that are taken as one.
+    """
+    from pyproj.exceptions import ProjError
+
+    systems = map(known_crs, (source, target))
+    one, other = (s.sub_crs_list[0] if s.is_compound else s for s in systems)
+    try:
+        way = _between(*((system.geodetic_crs or system).to_wkt() for system in (one, other)))
+        way.transform(lon, lat, 0.0)
+        known_m = way.accuracy if way.accuracy >= 0 else way.get_last_used_operation().accuracy
+    except ProjError:  # no step, or told where points are converted
+        return ""
+    if not known_m > 1.0:
+        return ""
+    names = ("WGS 84" if crs == GEOGRAPHIC else _called(crs) for crs in (source, target))
+    files = " ".join(f"--file {g.removesuffix('.tif')}" for g in _missing_grids(source, target))
+    return (
+        f"PROJ knows the way between {' and '.join(names)} to {known_m:g} m only: what GNSS and "
+        "what the surveyor gave may lie as far apart"
+        + (f"; `pyproj sync {files}` fetches what says it better" if files else "")
     )
 
 
@@ -237,7 +269,7 @@ def outside_area(points: np.ndarray, crs: str, converted: bool = False) -> str:
     system, named = known_crs(crs), _called(crs)
     x, y = np.median(points[:, :2], axis=0)
     shown = f"x = {x:.10g}, y = {y:.10g} {{}} the area of use of {named}"
-    lon, lat = _lon_lat(x, y, system)
+    lon, lat = lon_lat(x, y, system)
     if not (np.isfinite([lon, lat]).all() and abs(lat) <= 90 and abs(lon) <= 360):
         return shown.format("are not coordinates in")
     level = system.sub_crs_list[0] if system.is_compound else system
@@ -256,7 +288,7 @@ def outside_area(points: np.ndarray, crs: str, converted: bool = False) -> str:
     )
 
 
-def _lon_lat(x: float, y: float, system: pyproj.CRS) -> tuple[float, float]:
+def lon_lat(x: float, y: float, system: pyproj.CRS) -> tuple[float, float]:
     """Longitude and latitude, degrees, of x and y on the system's own datum; inf where none."""
     from pyproj import Transformer
     from pyproj.exceptions import ProjError

@@ -13,6 +13,7 @@ import numpy as np
 from corridor.core.block import Block
 from corridor.core.errors import InputError
 from corridor.core.geometry import similarity
+from corridor.core.gnss import coordinates
 from corridor.core.gnss.coordinates import Local, convert, known_crs, outside_area
 from corridor.core.gnss.track import GEOGRAPHIC
 
@@ -82,6 +83,20 @@ def about_the_middle(block: Block) -> Local:
     known = places[np.isfinite(places).all(axis=1)]
     middle = (known.min(axis=0) + known.max(axis=0)) / 2 + block.offset
     return Local.amid(middle[None], block.crs)
+
+
+def loose_way(block: Block, crs: str | None) -> list[str]:
+    """A sentence where the datum of a system is joined only loosely to the block's."""
+    local = local_of(block)
+    if crs is None or block.crs is None and local is None:
+        return []
+    if local is None:
+        x, y, _ = np.nanmedian(places_of(block), axis=0) + block.offset
+        place = coordinates.lon_lat(x, y, known_crs(str(block.crs)))
+    else:
+        place = local.lon_deg, local.lat_deg
+    told = coordinates.loosely_known(*place, crs, block.crs or GEOGRAPHIC)
+    return [told] if told else []
 
 
 def places_of(block: Block) -> np.ndarray:

@@ -112,11 +112,17 @@ def add_ground(
     block = project.block
     if not (len(block.ground) and len(block.marks)):
         return project
+    doubt = _outside(block, {point for point, *_ in ground.marks}, path.name)
     if not project.placed and local_of(block) is None:
         project = _placed(project, path.name)
     else:
-        _refuse_beside_others(project.block, listed, path.name)
-        project = _in_one_height_system(project, path.name)
+        try:
+            _refuse_beside_others(project.block, listed, path.name)
+            project = _in_one_height_system(project, path.name)
+        except InputError as error:
+            raise InputError(f"{error}; {doubt}" if doubt else str(error)) from None
+    if doubt:
+        project = project.warned(doubt)
     heights = ground.table["z"].to_numpy(float) if listed else np.zeros(0)
     if len(heights) <= _LEAST_POINTS or np.ptp(heights) > 0:
         return project
@@ -216,8 +222,8 @@ def placed_by_own(project: Project, last: bool = False) -> Project:
     nothing is left out.
     """
     block = project.block
-    apart = local_of(block) is not None
-    if project.placed or not (apart or last and len(block.ground)):
+    apart = project.apart or local_of(block) is not None
+    if project.placed or not (apart or last and len(block.ground) + len(block.gnss)):
         return project
     name = project.source.name
     if not np.isfinite(block.poses).all(axis=1).any():
@@ -230,7 +236,7 @@ def placed_by_own(project: Project, last: bool = False) -> Project:
         made = _placed(project, name)
         if made.placed or not len(block.gnss):
             return made.having(description="") if made.placed else made
-    if not apart:
+    if not (apart or len(block.gnss)):
         return project
     rows, given = block.image_rows("gnss"), block.numbers("gnss", *XYZ)
     met = block.poses[rows, :3]
@@ -240,6 +246,12 @@ def placed_by_own(project: Project, last: bool = False) -> Project:
     if found is None:
         return _in_no_frame(project, f"the positions of {name} do not place it")
     move, away = found
+    off = np.median(np.linalg.norm(met - given, axis=1)[good])
+    if not apart:
+        # Poses are in the frame of the positions already, or nobody knows in which.
+        near = 3 * max(np.median(away), np.median(np.linalg.norm(block.gnss_sigma(), axis=1)))
+        told = f"the frame is that of its {len(names)} positions, {off:.2g} m from camera centres"
+        return project.having(placed=True, notes=[told]) if off <= near else project
     told = (
         f"placed by {len(names)} positions of {name}: scale {move.scale:.6g}, camera centres "
         f"{np.median(away):.2g} m (median) from them"
@@ -253,7 +265,7 @@ def _in_no_frame(project: Project, why: str) -> Project:
     extra = {key: value for key, value in block.extra.items() if key != "local_frame"}
     told = f"the project stays in its own frame: {why}"
     project = project.having(crs=None, extra=extra, warnings=[told])
-    if local_of(block) is None:
+    if local_of(block) is None and not project.apart:
         return project
     return project.having(ground=block.ground.iloc[:0], gnss=block.gnss.iloc[:0])
 
@@ -338,7 +350,26 @@ def moved_by(project: Project, move: Similarity) -> Project:
     made = block.copy()
     made.put("images", POSE, np.hstack(pose))
     made.put("points", XYZ, move.apply(block.points[XYZ].to_numpy(float)))
+    given, met = block.numbers("gnss", *XYZ), made.poses[block.image_rows("gnss"), :3]
+    frames = given, move.apply(given)
+    # Positions may be in the frame that the poses had, and then go with them.
+    if len(given) and np.subtract(*(np.nanmedian(np.abs(one - met)) for one in frames)) > 0:
+        made.put("gnss", XYZ, frames[1])
     return replace(project, block=made)
+
+
+def _outside(block: Block, points: set[str], file: str) -> str:
+    """A sentence where marks of a file lie outside their pictures; empty where none does."""
+    mine = block.marks["point"].isin(points).to_numpy()
+    out = mine & block.outside("marks")
+    if not out.any():
+        return ""
+    first = block.marks[out].iloc[0]
+    return (
+        f"{out.sum()} of {mine.sum()} marks of {file} lie outside their pictures (first: "
+        f"{first['point']} in {first['image']} at {first['x']:.0f}, {first['y']:.0f}): give "
+        "pixels of the pictures of the project, column before row"
+    )
 
 
 def _refuse_beside_others(block: Block, names: list[str], file: str) -> None:

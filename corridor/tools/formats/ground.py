@@ -17,7 +17,7 @@ import pandas as pd
 from corridor.core.block import LAYOUTS, Block, place, read_columns
 from corridor.core.errors import InputError
 from corridor.core.geometry import similarity
-from corridor.core.gnss import GEOGRAPHIC, convert, known_crs, local_of, outside_area
+from corridor.core.gnss import GEOGRAPHIC, convert, known_crs, local_of, loose_way, outside_area
 from corridor.core.textfile import Line
 from corridor.tools.formats.frames import height_unit
 from corridor.tools.formats.ground_text import read_text
@@ -74,7 +74,12 @@ def read_ground(path: Path, block: Block) -> Ground:
         return read_gcp_list(path)
     found = read_text(path, exact=of_block)
     marks = _marks_beside(path) if of_block else []
-    return Ground(path, found.crs, found.table, marks, found.notes, found.unit)
+    crs = found.crs
+    # Metashape's reference tables state their system in a remark.
+    stated = re.search(r"(?im)^#\s*CoordinateSystem:\s*(\S.*)", head)
+    if crs is None and stated and not stated[1].upper().startswith("LOCAL"):
+        crs = known_crs(stated[1].strip()).to_wkt()
+    return Ground(path, crs, found.table, marks, found.notes, found.unit)
 
 
 def is_gcp_list(head: str) -> bool:
@@ -120,7 +125,8 @@ def read_gcp_list(path: Path) -> Ground:
             crs = _known_system(line)
             continue
         # A name may stand in quotes, and have blanks in them.
-        words = next(csv.reader([" ".join(line.text.split())], delimiter=" "))
+        text = line.text.replace(",", " ") if line.text.count(",") > 4 else line.text
+        words = next(csv.reader([" ".join(text.split())], delimiter=" "))
         if len(words) == 5 and not says_number(words[4]):
             # x y column row image: a point without height
             words = [*words[:2], "0", *words[2:]]
@@ -271,6 +277,7 @@ def add_to(project: Project, ground: Ground) -> Project:
                 told = remedy(marked, list(new["point"]), given, ground.crs, in_frame)
             raise InputError(f"{error}; {told}" if told else str(error)) from None
         new = new.assign(**dict(zip(_XYZ, places.T, strict=True)))
+        warnings += loose_way(block, ground.crs)
     block = replace(block, marks=marks)
     if not ground.marks:
         block = _measured_already(block, new, project.placed, notes)

@@ -29,25 +29,28 @@ _WORDS = {
     "punto",
     "x": "x e east easting eastings rechtswert rechts ost est este xeasting eastingx xe",
     "y": "y n north northing northings hochwert hoch nord norte ynorthing northingy yn",
-    "z": "z h height elevation elev el ele alt altitude hoehe u up zaltitude ellipsoidalheight "
-    "quota cota hoogte orthometricheight orthoheight heightellipsoidal hoehen zelevation",
+    "z": "z h height elevation elev el ele alt altitude hoehe u up zaltitude ht quota cota hoogte "
+    "hoehen zelevation",
     "lon": "lon long lng longitude laenge xlongitude",
     "lat": "lat latitude breite ylatitude",
-    "sx": "sx stdx sigmax sdx accx xaccuracy accuracyx xacc stde sde seast sigmae eastaccuracy xm "
-    "xstd xsigma stdeast eastingrms",
-    "sy": "sy stdy sigmay sdy accy yaccuracy accuracyy yacc stdn sdn snorth sigman northaccuracy "
-    "ym ystd ysigma stdnorth northingrms",
-    "sz": "sz stdz sigmaz sdz accz zaccuracy accuracyz zacc stdu sdu sup sigmau verticalaccuracy "
-    "sv stdh sigmah zstd zsigma accuracyvertical vertacc stdup elevationrms verticalrms vprec",
-    "sxy": "sxy xyaccuracy accuracyxy horizontalaccuracy accuracyhorizontal horzacc stdxy hprec "
-    "lateralrms",
-    "sxyz": "sxyz accuracy sigma std xyzaccuracy",
+    "sx": "sx seast xm",
+    "sy": "sy snorth ym",
+    "sz": "sz sup sv",
+    "sxy": "sxy hprec hrms horzacc",
     "role": "role use",
     # What a surveyor adds and no adjustment needs.
     "": "description desc d code codes comment comments note notes remark remarks date time type "
     "kind enabled feature photo",
 }
 _COLUMN = {word: column for column, words in _WORDS.items() for word in words.split()}
+# What a receiver's program writes beside such a word, and it stays the same column.
+_BESIDE = "(?:wgs84|etrs89|grid|local|ell(?:ip(?:s(?:oid(?:al)?)?)?)?|orth?om?(?:etric[ao]?)?)*"
+_SPREAD = "sigma|stdev|stddev|std|sd|accuracy|acc|precision|prec|rms|cq"
+_AXES = {"sx": "x", "sy": "y", "sz": "z vertical vert vt v 1d", "sxyz": " xyz",
+         "sxy": "xy horizontal horz hz lateral 2d"}  # fmt: skip
+# Letters that are written otherwise; of Japanese plane coordinates X is north.
+_PLAIN = ("ö=oe ä=ae ü=ue σ=sigma ß=ss 点名=name 点番号=name x座標=north y座標=east 標高=height "
+          "楕円体高=ellipsoidalheight 緯度=lat 経度=lon")  # fmt: skip
 _PLACE = ("x", "y", "z")
 _UNITS = ("(us|intl?|international|survey|us?survey)?(s?ft|feet|foot)(us|int)?", "[cdkm]m",
           "(centi|deci|kilo|milli)met(er|re)s?")  # fmt: skip
@@ -55,7 +58,7 @@ _UNIT_M = {"mm": 1e-3, "milli": 1e-3, "cm": 1e-2, "centi": 1e-2, "dm": 0.1, "dec
            "km": 1e3, "kilo": 1e3, "f": 0.3048}  # fmt: skip
 # Degrees, or with minutes and seconds; the half of the Earth before or after.
 _ANGLE = re.compile(
-    r"""(?i)([NSEW]?)\s*([+-]?[\d.]+)(?:\s*[°º:\s]\s*([\d.]+)(?:\s*['′’:\s]\s*([\d.]+))?)?"""
+    r"""(?i)([NSEW]?)\s*([+-]?[\d.]+)(?:\s*[°º:\s-]\s*([\d.]+)(?:\s*['′’:\s-]\s*([\d.]+))?)?"""
     r"""\s*[°º'′’"″”]*\s*([NSEW]?)"""
 )
 _ROLE = {"gcp": "control", "controlpoint": "control", "checkpoint": "check", "3dgcp": "control"}
@@ -143,9 +146,9 @@ def _cells(line: Line, separator: str | None) -> list[str]:
 
 
 def _number(cell: str) -> float | None:
-    """The number of a cell, None where it is none; 467,312.1 with its comma, quoted, is one."""
-    if re.fullmatch(r"[+-]?\d{1,3}(,\d{3})+\.\d*", cell):
-        cell = cell.replace(",", "")
+    """The number of a cell, None where it is none; 467,312.1 (quoted) and 467'312.1 are some."""
+    if re.fullmatch(r"[+-]?\d{1,3}((,\d{3})+\.\d*|(['’ \xa0\u202f]\d{3})+(\.\d*)?)", cell):
+        cell = re.sub(r"[^\d.+-]", "", cell)
     try:
         return float(cell) if "_" not in cell else None
     except ValueError:
@@ -162,24 +165,38 @@ def _is_place_like(cell: str) -> bool:
 def _word(cell: str) -> str:
     """`Höhe [m]` as hoehe, `Accuracy_XY (m)` as accuracyxy."""
     text = cell.lower()
-    for mark, plain in (("ö", "oe"), ("ä", "ae"), ("ü", "ue"), ("σ", "sigma"), ("ß", "ss")):
+    for mark, plain in (pair.split("=") for pair in _PLAIN.split()):
         text = unicodedata.normalize("NFC", text).replace(mark, plain)
     text = re.sub(r"\(.*?\)|\[.*?\]", "", text)
-    return re.sub(r"[^a-z0-9]", "", text)
+    return re.sub(r"[^a-z0-9]", "", unicodedata.normalize("NFD", text))
+
+
+def _column(cell: str) -> str | None:
+    """The column that a cell of a header names, by the words it is made of; None: not known."""
+    word = _word(cell)
+    if word in _COLUMN:
+        return _COLUMN[word]
+    spread = re.fullmatch(f"(?:{_SPREAD})(.*)|(.*?)(?:{_SPREAD})", word)
+    if spread is None:
+        return _COLUMN.get(re.fullmatch(f"{_BESIDE}(.*?){_BESIDE}", word)[1])
+    # Of 95 %, say, it is no standard deviation.
+    axis = next(word for word in spread.groups() if word is not None)
+    found = [key for key, words in _AXES.items() if (_COLUMN.get(axis) or axis) in words.split(" ")]
+    return found[0] if found and "%" not in cell else None
 
 
 def _columns(cells: list[str]) -> list[str | None]:
     """The columns that the words of a header name, None for a word that is not known."""
     if len(cells) == 1 and re.fullmatch(r"[PNEZD]{4,5}", cells[0].upper()):
         return [_LETTERS[letter] for letter in cells[0].upper()]
-    return [_COLUMN.get(_word(cell)) for cell in cells]
+    return [_column(cell) for cell in cells]
 
 
 def _units(cells: list[str]) -> dict[str, str]:
     """The units that a header states in brackets, of the columns where it is none of metres."""
     found = {}
     for cell in cells:
-        stated, column = re.search(r"[(\[]([^)\]]*)[)\]]", cell), _COLUMN.get(_word(cell))
+        stated, column = re.search(r"[(\[]([^)\]]*)[)\]]", cell), _column(cell)
         unit = re.sub(r"[^a-z]", "", stated[1].lower()) if stated else ""
         if column and re.fullmatch("|".join(_UNITS), unit):
             found[column] = stated[1].strip()
@@ -210,7 +227,7 @@ def _of_one_system(cells: list[str], notes: list[str]) -> list[str | None]:
     if not {"lat", "lon"} <= set(columns):
         return columns
     heights = [k for k, column in enumerate(columns) if column == "z"]
-    own = [k for k in heights if "ellips" in _word(cells[k])]
+    own = [k for k in heights if "ell" in _word(cells[k])]
     if {"x", "y"} <= set(columns):
         notes.append("latitude and longitude were read, not the other coordinates of the table")
         after = max(columns.index("lat"), columns.index("lon")) + 1
@@ -238,6 +255,9 @@ def _header(line: Line, cells: list[str], notes: list[str]) -> list[str | None]:
         raise line.wrong("the header names no height; add a column z")
     if not {"x", "y"} <= set(columns) and not {"lat", "lon"} <= set(columns):
         raise line.wrong("the header names no x, y; add the column that is missing")
+    if "point" not in columns and columns[0] is None:
+        notes.append(f"names were read from the first column, {cells[0]}")
+        columns[0] = "point"
     if "point" not in columns:
         raise line.wrong("the header names no column of names; add one called point")
     return columns
@@ -323,6 +343,11 @@ def _coordinate(line: Line, cell: str, key: str) -> float:
     value, angle = _number(cell), _ANGLE.fullmatch(cell)
     if value is not None and np.isfinite(value):
         return value
+    if re.search(r"(?i)\.(jpe?g|tiff?|png|dng)\b", line.text):
+        raise line.wrong(
+            "a photograph stands beside the point: this lists where points are seen, not where "
+            "they are; give a gcp_list.txt (x y z column row image name), which says both"
+        )
     if key in _PLACE or angle is None:
         return line.number(cell, "a coordinate")
     half = (angle[1] or angle[5]).upper()

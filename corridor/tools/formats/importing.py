@@ -12,7 +12,15 @@ from corridor.core.block import Block
 from corridor.core.brief import brief
 from corridor.core.errors import InputError, WorkFailed
 from corridor.core.geometry import GROSS, robust_scale
-from corridor.core.gnss import about_the_middle, in_metres, known_crs, local_of, outside_area
+from corridor.core.gnss import (
+    GEOGRAPHIC,
+    about_the_middle,
+    in_metres,
+    known_crs,
+    local_of,
+    loose_way,
+    outside_area,
+)
 from corridor.core.options import options
 from corridor.core.output import Progress, Report, Table, png, silent, telling, whole_file
 from corridor.core.photographs import photographs_in, read_metadata
@@ -277,9 +285,7 @@ def in_crs(project: Project, crs: str) -> Project:
     if local is not None:
         told = f"east, north, up about {local.lat_deg:g}, {local.lon_deg:g}"
     elif block.crs is None:
-        places = block.numbers("images", *"xyz")
-        outside = outside_area(places + block.offset, crs)
-        if outside:
+        if outside := outside_area(block.numbers("images", *"xyz") + block.offset, crs):
             raise InputError(
                 f"--crs {crs}: the project's coordinates are not in it ({outside}); it has a frame "
                 "of its own: place it with --photos or --track, or leave --crs out"
@@ -291,7 +297,7 @@ def in_crs(project: Project, crs: str) -> Project:
         told = block.crs if len(block.crs) <= 40 else known_crs(block.crs).name
     made = near_origin(moved(block, crs))
     note = f"coordinates were converted from {told} to {crs}, point by point"
-    return replace(project, block=made).noted(note)
+    return replace(project, block=made).having(notes=[note], warnings=loose_way(block, crs))
 
 
 def in_local_frame(project: Project, crs: str | None) -> Project:
@@ -311,13 +317,20 @@ def in_local_frame(project: Project, crs: str | None) -> Project:
         project = project.noted(note)
     elif crs is None:
         return project
+    project = project.having(warnings=loose_way(block, crs))
     return replace(project, block=moved(block, local, crs))
 
 
 def complete(project: Project, added: Additions, say: Callable[..., None] = silent) -> Project:
     """The project with what photographs, a track and a file of ground points know."""
+    late = None
     if added.crs is not None:
-        project = in_crs(project, added.crs)
+        try:
+            project = in_crs(project, added.crs)
+        except InputError:
+            if project.placed or not (added.photos or added.track):
+                raise
+            late = added.crs  # once photographs or a track have placed it
     photos, exposures = {}, None
     if added.photos is not None:
         say(f"reading the photographs of {added.photos}")
@@ -332,8 +345,12 @@ def complete(project: Project, added: Additions, say: Callable[..., None] = sile
         track = Track(added.track, added.track_system, added.images_system)
         with blaming(added.track, "a track"):
             project = add_track(project, exposures, track)
+    if late is not None:
+        project = in_crs(project, late)
     if added.ground is not None:
         project = add_ground(project, added.ground, photos, added.ground_crs)
+    if added.photos or added.track:
+        project = project.having(warnings=loose_way(project.block, GEOGRAPHIC))
     # Only now is it known in which frame the project is.
     project = in_own_frame(with_motion(placed_by_own(project, last=True), photos))
     if photos and len(project.block.gnss) and added.track is None:

@@ -42,7 +42,7 @@ class Project:
     not the free frame of a reconstruction. lost: photographs that did not join. image_to_ray: the
     format's distortion goes that way. rounding: how far the digits of the file let poses be off:
     centres (m), angles (rad). own: the conventions are those of this package, and nothing has to be
-    proved.
+    proved. apart: its control and positions are in a local system that it states, its poses not.
     """
 
     form: str
@@ -56,6 +56,7 @@ class Project:
     image_to_ray: bool = False
     rounding: tuple[float, float] = (0.0, 0.0)
     own: bool = False
+    apart: bool = False
 
     def having(
         self,

@@ -9,6 +9,7 @@ import pytest
 
 from corridor.core.errors import InputError
 from corridor.core.gnss import Local, Track, convert, geographic_positions, to_local
+from corridor.core.gnss.coordinates import loosely_known
 
 A, F = 6378137.0, 1 / 298.257223563
 E2 = F * (2 - F)
@@ -129,6 +130,23 @@ def test_a_height_system_whose_geoid_is_missing_is_refused_not_ignored(crs, monk
         assert ".tif, which is not installed: `pyproj sync --file" in str(error)
     else:  # the geoid is installed: it lies about 50 m above the ellipsoid
         assert np.abs(found[:, 2] - somewhere()[:, 2]).min() > 40
+
+
+def test_heights_without_any_way_to_the_ellipsoid_are_named():
+    with pytest.raises(InputError, match="no way between the heights of EPSG:25832.5783 and the"):
+        convert(np.array([[467124.4, 5428660.0, 110.0]]), "EPSG:25832+5783", "EPSG:4979")
+
+
+@pytest.mark.parametrize(
+    ("crs", "place", "known"),
+    [("EPSG:31256", (16.3, 48.2), "1.5 m"), ("EPSG:6539", (-74.0, 40.7), "2 m"),
+     ("EPSG:25832", (8.55, 49.0), ""), ("EPSG:32632", (8.55, 49.0), ""),
+     ("EPSG:25832+7837", (8.55, 49.0), ""), ("EPSG:4326", (8.55, 49.0), "")],
+)  # fmt: skip
+def test_datums_that_are_joined_to_metres_are_told(crs, place, known):
+    """Accuracies of EPSG: MGI to WGS 84 (3), NAD83(2011) to WGS 84 (1)."""
+    told = loosely_known(*place, crs, "EPSG:4979")
+    assert f"{crs} and WGS 84 to {known} only" in told if known else told == ""
 
 
 def test_an_unknown_crs_is_refused():

@@ -14,7 +14,14 @@ from corridor.core.errors import InputError
 from corridor.core.gnss import Exposures, Local
 from corridor.core.photographs import photographs_in, read_metadata
 from corridor.interface import cli
-from corridor.tools.formats import add_ground, export_project, read_photograph, read_project
+from corridor.tools.formats import (
+    Additions,
+    add_ground,
+    complete,
+    export_project,
+    read_photograph,
+    read_project,
+)
 from corridor.tools.formats.ground import crs_of_line, in_frame, read_gcp_list
 from corridor.tools.formats.placing import (
     Track,
@@ -107,6 +114,15 @@ def flown(tmp_path_factory):
     export_project(free, "colmap", home / "model")
     (home / "model" / "ground_points.csv").unlink()
     return home, block
+
+
+def test_a_free_model_that_photographs_place_goes_into_the_system_of_crs(flown):
+    home, block = flown
+    added = Additions(photos=home / "photos", crs="EPSG:25832")
+    made = complete(read_project(home / "model"), added).block
+    known = PLACE.to_crs(block.poses[:, :3], "EPSG:25832")
+    assert made.crs == "EPSG:25832"
+    assert np.abs(made.poses[:, :3] + made.offset - known).max() < 0.02
 
 
 def test_photographs_place_a_free_model_and_tell_times_and_temperatures(flown):

@@ -68,6 +68,15 @@ FORMS = {
     "names last, with header": (("E,N,H,Name", (*PENZ[1:], "{p}")), ","),
     "a comment before the header": (("# Leica GS18\nName,E,N,H", PENZ), ","),
     "quoted": (('"Name","E","N","H"', ('"{p}"', '"{e:.4f}"', '"{n:.4f}"', '"{h:.4f}"')), ","),
+    "Leica Infinity": (("Point ID\tPoint Role\tEasting\tNorthing\tEllip. Height\t3D CQ",
+                        ("{p}", "Measured", *PENZ[1:], "0.018")), "\t"),
+    "Leica Captivate": (("Point ID,E,N,Ht,CQ3D,CQ2D,CQ1D", (*PENZ, "0.02", "0.01", "0.01")), ","),
+    "Trimble Business Center": (
+        ("Point ID,Grid Northing,Grid Easting,Grid Elevation,Feature Code", (*PNEZ, "GCP")), ",",
+    ),
+    "Spanish": (("Punto;Este;Norte;Cota ortométrica", PENZ), ";"),
+    "Japanese, X to the north": (("点名,X座標,Y座標,標高", PNEZ), ","),
+    "names under a word that is not known": (("Matricule;X;Y;Z", PENZ), ";"),
     "thousands": (("name;e;n;h", ("{p}", "{e:,.4f}", "{n:,.4f}", "{h:.4f}")), ";"),
 }  # fmt: skip
 
@@ -186,12 +195,44 @@ def test_of_a_table_in_two_systems_one_is_read(tmp_path, head, row):
      ("name,E,N,H,Accuracy XY (cm),Accuracy Z (mm)", "1.2,20", [0.012, 0.012, 0.02]),
      ("name,E,N,H,Accuracy (mm)", "20", [0.02, 0.02, 0.02]),
      ("name,E,N,H,H. Prec,V. Prec", "0.01,0.02", [0.01, 0.01, 0.02]),
+     ("name,E,N,H,Hz Prec,Vt Prec", "0.01,0.02", [0.01, 0.01, 0.02]),
+     ("name,E,N,H,HRMS,VRMS", "0.01,0.02", [0.01, 0.01, 0.02]),
+     ("name,E,N,H,CQ2D,CQ1D,CQ3D", "0.01,0.02,0.03", [0.01, 0.01, 0.02]),
+     ("name,E,N,H,Sd. Easting [m],Sd. Northing [m],Sd. Height [m]", "0.01,0.02,0.03",
+      [0.01, 0.02, 0.03]),
+     ("nom,E,N,H,Précision XY,Précision Z", "0.01,0.02", [0.01, 0.01, 0.02]),
      ("name,E,N,H,Lateral RMS,Elevation RMS", "0.01,0.02", [0.01, 0.01, 0.02])],
 )  # fmt: skip
 def test_standard_deviations_become_metres(tmp_path, head, row, sigmas):
     path = tmp_path / "points.csv"
     path.write_text(f"{head}\nA,467000.1,5428000.2,112.3,{row}\n")
     assert read_text(path).table[["sx", "sy", "sz"]].iloc[0].tolist() == pytest.approx(sigmas)
+
+
+def test_what_holds_at_95_percent_is_no_standard_deviation(tmp_path):
+    path = tmp_path / "points.csv"
+    head = "name,E,N,H,Horizontal Precision (95%),Vertical Precision (95%)"
+    path.write_text(f"{head}\nA,467000.1,5428000.2,112.3,0.02,0.04\n")
+    found = read_text(path)
+    assert "sx" not in found.table and "columns 5, 6" in found.notes[0]
+
+
+def test_thousands_may_stand_apart_and_minutes_behind_a_dash(tmp_path):
+    path = tmp_path / "points.csv"
+    path.write_text("name;E;N;H\nA;467'124.4;5 428 658.5;112.3\n")
+    assert read_text(path).table[["x", "y"]].iloc[0].tolist() == [467124.4, 5428658.5]
+    path.write_text("name,lat,lon,h\nA,49-00-36.0N,8-33-00.0E,160.2\n")
+    assert read_text(path).table[["x", "y"]].iloc[0].tolist() == pytest.approx([8.55, 49.01])
+
+
+def test_the_system_that_a_table_of_metashape_states_is_read(tmp_path):
+    project = placed()
+    names, places = surveyed(project)
+    form = ("# CoordinateSystem: EPSG:25832\n#Label,X/Easting,Y/Northing,Z/Altitude", PENZ)
+    (tmp_path / "points.csv").write_text(as_text(names, places, form))
+    made = add_ground(project, tmp_path / "points.csv").block.ground[["x", "y", "z"]]
+    known = project.block.ground[["x", "y", "z"]].to_numpy(float)
+    assert np.abs(made.to_numpy(float) - known).max() < 2e-4
 
 
 def test_titles_stand_before_a_header_and_remarks_are_named_with_their_line(tmp_path):
@@ -448,6 +489,36 @@ def test_first_lines_that_name_none_say_what_to_write(tmp_path, head, said):
         add_ground(project, path)
 
 
+@pytest.mark.parametrize("row", ["P1,DJI_0001.JPG,10.5,20.5", "DJI_0001.JPG,P1,10.5,20.5"])
+def test_a_table_of_marks_is_called_what_it_is(tmp_path, row):
+    (tmp_path / "marks.txt").write_text(f"{row}\n{row.replace('P1', 'P2')}\n")
+    with pytest.raises(InputError, match=r"marks.txt, line 1: .*where points are seen"):
+        read_text(tmp_path / "marks.txt")
+
+
+def test_a_gcp_list_with_commas_is_the_same_list(tmp_path):
+    project = placed()
+    path = tmp_path / "gcp_list.txt"
+    path.write_text(gcp_list(project, UTM))
+    plain = read_gcp_list(path)
+    head, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([head, *(",".join(row.split()) for row in rows)]))
+    again = read_gcp_list(path)
+    assert again.marks == plain.marks and again.table.equals(plain.table)
+
+
+def test_marks_outside_their_pictures_are_told(tmp_path):
+    project = placed()
+    names, places = surveyed(project)
+    marks = project.block.marks[project.block.marks["point"] == names[0]]
+    image, width = marks["image"].iloc[0], next(iter(project.block.cameras.values())).width
+    x, y, z = places[0]
+    row = f"{x:.4f} {y:.4f} {z:.4f} {width + 50} 20 {image} far\n"
+    (tmp_path / "gcp_list.txt").write_text(f"{UTM}\n{row}")
+    made = add_ground(project, tmp_path / "gcp_list.txt")
+    assert "1 of 1 marks" in made.warnings[-1] and f"far in {image} at" in made.warnings[-1]
+
+
 def test_exchanged_axes_of_a_gcp_list_are_told_by_its_marks(tmp_path):
     project = placed()
     path = tmp_path / "gcp_list.txt"
@@ -467,6 +538,12 @@ def test_crs_converts_a_project_that_has_a_place():
     assert block.crs == UTM and "local_frame" not in block.extra
     assert np.abs(world - known).max() < 1e-6
     assert any("converted" in note for note in project.notes)
+
+
+def test_a_system_whose_datum_is_joined_loosely_is_told_with_what_joins_it_better():
+    project = complete(placed(), Additions(crs="EPSG:31467"))
+    assert any("EPSG:31467 and WGS 84 to 3 m only" in told for told in project.warnings)
+    assert not any("m only" in told for told in complete(placed(), Additions(crs=UTM)).warnings)
 
 
 def test_crs_never_labels_what_is_not_in_it():

@@ -4,14 +4,16 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from corridor.core.errors import InputError
-from corridor.core.gnss import Local
+from corridor.core.gnss import Local, convert
 from corridor.core.textfile import Xml
 from corridor.tools.formats import Additions, complete, export_project, prove, read_project
 from corridor.tools.formats.frames import local_table
 from corridor.tools.formats.programs.metashape import chunk_of
+from corridor.tools.formats.project import Project
 
 from .conftest import exact_block
 from .small_projects import _pix4d
@@ -38,6 +40,75 @@ def test_a_chunk_without_transform_is_placed_by_its_own_markers(block, tmp_path)
     up = made.images["z"].to_numpy() - block.images["z"].to_numpy() - PLACE.height
     assert np.abs(up).max() < 1e-3
     assert prove(project).by_kind["marks"].median < 1e-3 and len(made.ground) == len(block.ground)
+
+
+def test_a_chunk_without_transform_beside_a_local_system_is_placed_in_it(block, tmp_path):
+    """Its markers and positions are metres of that system; its poses have no scale."""
+    local = replace(block, extra={})
+    export_project(local, "metashape", tmp_path)
+    file = tmp_path / "cameras.xml"
+    text, count = re.subn(r"(?s)\n    <transform>\s*<rotation.*?</transform>", "", file.read_text())
+    assert count == 1
+    file.write_text(re.sub(r"<transform>([^<]+)</transform>", _halved, text))
+    project = complete(read_project(tmp_path), Additions())
+    assert project.placed and "frame" not in project.block.extra
+    assert np.abs(project.block.poses[:, :3] - local.poses[:, :3]).max() < 1e-3
+    assert len(project.block.ground) == len(local.ground)
+
+
+def _halved(match):
+    """A camera's transform whose centre is half as far from the origin."""
+    matrix = np.array(match[1].split(), dtype=float).reshape(4, 4)
+    matrix[:3, 3] /= 2
+    return f"<transform>{' '.join(map(repr, map(float, matrix.ravel())))}</transform>"
+
+
+@pytest.mark.parametrize("listed", [False, True], ids=["alone", "with a list of control"])
+def test_positions_without_a_place_on_earth_go_with_the_poses(block, tmp_path, listed):
+    """OpenSfM without reference_lla: positions in the frame of the poses, metres."""
+    pose, names = block.poses[:, :3], list(block.images["image"])
+    gnss = pd.DataFrame({"image": names, "x": pose[:, 0], "y": pose[:, 1], "z": pose[:, 2]})
+    ground = block.ground
+    free = replace(block, extra={}, gnss=gnss, ground=ground.iloc[:0])
+    project = Project("made", tmp_path, free, placed=False)
+    added = Additions()
+    if listed:
+        far = ground[["y", "x", "z"]].to_numpy(float) * [-1, 1, 1] + [467000.0, 5428000.0, 0.0]
+        rows = [" ".join(map(str, (n, *p))) for n, p in zip(ground["point"], far, strict=True)]
+        (tmp_path / "points.txt").write_text("\n".join(rows) + "\n")
+        added = Additions(ground=tmp_path / "points.txt", ground_crs="EPSG:25832")
+    made = complete(project, added)
+    assert made.placed and len(made.block.gnss) == len(names)
+    off = made.block.numbers("gnss", *"xyz") - made.block.poses[:, :3]
+    assert np.abs(off).max() < 1e-3
+
+
+def test_markers_of_another_export_keep_the_system_of_their_file(block, tmp_path):
+    export_project(block, "metashape", tmp_path)
+    file = tmp_path / "markers.xml"
+    text = file.read_text()
+
+    def in_grid(match):
+        place = convert([[float(word) for word in match.groups()]], "EPSG:4979", "EPSG:2056")[0]
+        return '<reference x="{}" y="{}" z="{}"'.format(*place.tolist())
+
+    text, count = re.subn('<reference x="([^"]+)" y="([^"]+)" z="([^"]+)"', in_grid, text)
+    assert count == len(block.ground)
+    text = re.sub(r"(?s)<reference>.*?</reference>", "<reference>EPSG:2056</reference>", text)
+    file.write_text(text)
+    made = read_project(tmp_path).block
+    off = made.numbers("ground", *"xyz") - block.numbers("ground", *"xyz")
+    assert np.ptp(off, axis=0).max() < 0.01 and len(made.ground) == len(block.ground)
+
+
+def test_markers_without_a_height_are_not_left_out_in_silence(block, tmp_path):
+    export_project(block, "metashape", tmp_path)
+    file = tmp_path / "markers.xml"
+    text, count = re.subn('(<reference x="[^"]+" y="[^"]+") z="[^"]+"', r"\1", file.read_text())
+    file.write_text(text)
+    made = read_project(tmp_path)
+    assert not len(made.block.ground) and count > 1
+    assert any(f"{count} markers have x and y and no height" in told for told in made.warnings)
 
 
 def test_control_in_the_frame_of_a_local_block_places_it_as_it_is(block, tmp_path):

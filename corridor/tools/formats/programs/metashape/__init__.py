@@ -142,6 +142,7 @@ class _Chunk:
                 raise part.wrong("a marker has no id; export the markers again")
             if _is_on(part, "enabled"):
                 self.markers.setdefault(part.get("id"), part)
+        placed = any(part.find("reference") is not None for part in self.markers.values())
         # Cameras may stand in groups.
         parts = [part for part in element.all(".//camera") if part.get("id") is not None]
         parts = [part for part in parts if part.get("label") is not None]
@@ -171,9 +172,15 @@ class _Chunk:
                 ],
             )
         self.transform = element.find("transform") or self.transform
-        for tag, name in (("reference", "crs"), ("marker_reference", "marker_crs")):
-            text = (element.element.findtext(tag) or "").strip()
-            setattr(self, name, text or getattr(self, name))
+        crs, of_markers = (
+            (element.element.findtext(tag) or "").strip()
+            for tag in ("reference", "marker_reference")
+        )
+        # Markers exported on their own may be in another system than the cameras.
+        if any(len(part.element) for part in parts):
+            self.crs = self.crs or crs or None
+        if not self.marker_crs and (of_markers or placed):
+            self.marker_crs = of_markers or crs or None
         for part in element.all("settings/property"):
             key = _ACCURACIES.get(part.get("name", ""))
             value = part.number("value") if key else None
@@ -461,6 +468,7 @@ def _project(chunk, cloud, path, notes, warnings):
         )
     parts = [chunk.cameras[label] for label in labels]
     _with_degrees(chunk, parts, notes)
+    chunk.crs = chunk.crs or chunk.marker_crs
     crs = _crs(chunk.crs)
     moves, component = _components(chunk, labels, warnings)
     centre, rotation, world = _poses(chunk, labels, moves, component, notes)
@@ -469,8 +477,9 @@ def _project(chunk, cloud, path, notes, warnings):
     have = np.isfinite(measured.place).all(axis=1)
     # Poses in a frame of its own come into that of the measured positions later.
     free = bool(known.any()) and not world.scaled
+    local = chunk.crs is not None and crs is None
     if crs is None:
-        have &= not free
+        have &= not free or local
     elif free:
         marked = _Reference([part.find("reference") for part in chunk.markers.values()]).place
         stated = np.concatenate([measured.place[have], marked[np.isfinite(marked).all(axis=1)]])
@@ -520,7 +529,7 @@ def _project(chunk, cloud, path, notes, warnings):
         ties=ties,
         points=points,
         marks=_marks(chunk, labels, called, notes),
-        ground=_ground(chunk, world, called) if placed or world.local else None,
+        ground=_ground(chunk, world, called, warnings) if placed or world.local or local else None,
         gnss=_gnss(labels, reference, measured, have, notes),
         distances=_distances(chunk, called, notes),
         local=world.local,
@@ -528,7 +537,7 @@ def _project(chunk, cloud, path, notes, warnings):
         sigma=chunk.sigma,
         notes=notes,
         warnings=warnings,
-    ).project(NAME, path, placed=bool(placed))
+    ).project(NAME, path, placed=bool(placed), apart=free and local)
     return hung_together(made, {**{m: m for m in chunk.masters.values()}, **chunk.masters})
 
 
@@ -713,11 +722,15 @@ def _called(chunk):
     return {n: f"{label} ({n})" if many[label] > 1 else label for n, label in labels.items()}
 
 
-def _ground(chunk, world, called):
+def _ground(chunk, world, called, warnings):
     """ground.csv of the markers with a reference; None without any."""
     numbers = list(chunk.markers)
     found = _Reference([chunk.markers[number].find("reference") for number in numbers])
     rows = np.flatnonzero(np.isfinite(found.place).all(axis=1))
+    stated = [chunk.markers[number].find("reference[@x]") is not None for number in numbers]
+    if lost := sum(stated) - len(rows):
+        told = f"{lost} markers have x and y and no height (z), so they are no ground points"
+        warnings.append(f"{told}: give them a height and its accuracy")
     if not len(rows):
         return None
     return ground_table(
