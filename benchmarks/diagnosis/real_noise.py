@@ -475,8 +475,14 @@ def write(folder: Path, short: bool = False, blocks: Path | None = None) -> list
             continue
         beyond = [slug for slug, size in amounts.items() if size > LARGEST.get(slug, np.inf)]
         there = [one["slug"] for one in own.get("effects", ()) if one["slug"] in amounts]
+        if "rolling_shutter" in amounts and any(c.readout_s == 0 for c in block.cameras.values()):
+            there.append("rolling_shutter")  # what is stated is no candidate
         if beyond or there:
-            why = "it has one of its own" if there else f"would be {amounts[beyond[0]]:.3g}"
+            why = (
+                "it has one, or is stated to have none"
+                if there
+                else f"would be {amounts[beyond[0]]:.3g}"
+            )
             left.append(f"{case.name}: {(*there, *beyond)[0]}, {why}")
             continue
         made, truth = inject(block, scene, amounts, case.seed)
