@@ -142,6 +142,7 @@ def antenna(
     place or not in metres (or degrees); WorkFailed where no exposure is left.
     """
     check_quality(track)
+    exposures = exposures.with_seen_step()
     alignment = align(track, exposures, track_system, exposures_system)
     local = to_local(track)
     times = exposures.table["time_s"].to_numpy(dtype=float) + alignment.offset_s

@@ -46,6 +46,21 @@ class Exposures:
     resolution_s: float | None = None
     counted: bool = False
 
+    def with_seen_step(self) -> "Exposures":
+        """With a step of 1 s where the times are whole seconds that nobody fired at.
+
+        A camera that fires at whole seconds does so evenly, or with gaps; rounded times are now
+        and then a second farther apart. (So are those of a camera that fires each second where
+        photographs are lost: its sigmas come out too large, and it is told why.)
+        """
+        time = np.sort(self.table["time_s"].dropna().to_numpy(float))
+        if self.resolution_s is not None or (time % 1.0).any():
+            return self
+        step, times = np.unique(np.diff(time), return_counts=True)
+        often = set(step[(times > 1) & (step > 0)])
+        rounded = any(one + 1.0 in often for one in often)
+        return replace(self, resolution_s=1.0) if rounded else self
+
     def too_near(self) -> str | None:
         """A sentence where two exposures are nearer in time than any camera can take them.
 

@@ -1,12 +1,14 @@
 """A block with a track and no antenna positions: they come from the track."""
 
+from pathlib import Path
+
 import numpy as np
 import pandas as pd
 import pytest
 from strips import corridor_block
 
-from corridor.core.errors import InputError
-from corridor.core.gnss import of_block
+from corridor.core.errors import InputError, WorkFailed
+from corridor.core.gnss import Exposures, Track, antenna, of_block
 from corridor.interface.cli import main
 
 NOISE_M = 0.005
@@ -77,3 +79,34 @@ def test_the_command_adjusts_with_them_and_says_so(flown, tmp_path, capsys):
     said = capsys.readouterr().out
     assert "Antenna positions of 12 of 12 images are interpolated from the track" in said
     assert "GNSS" in said
+
+
+class TestWholeSeconds:
+    """A drone that flies 5 m/s and fires every 2.4 s; a table that has lost the decimals."""
+
+    @staticmethod
+    def found(every_s, cut, **options):
+        epochs = np.arange(0.0, 200.0, 0.2)
+        place = np.outer(epochs, [5.0, 0.0, 0.0])
+        track = pd.DataFrame({"time_s": epochs, **dict(zip("xyz", place.T, strict=True))})
+        track[["sx", "sy", "sz"]] = NOISE_M
+        true = np.arange(10.0, 190.0, every_s)
+        table = pd.DataFrame({"image": [f"{k}" for k in range(len(true))]})
+        table["time_s"] = np.floor(true) if cut else true
+        there = Track(track, None, None, None, Path("track.csv"))
+        made = antenna(there, Exposures(table, None, None, None, Path("images.csv")), **options)
+        off = made.gnss["x"].to_numpy() - 5.0 * true
+        return off / made.gnss["sx"].to_numpy(), made.notes
+
+    def test_what_is_flown_meanwhile_is_in_the_sigmas_and_said(self):
+        with pytest.raises(WorkFailed, match=r"above 0.1 m.*in steps of 1000 ms"):
+            self.found(2.4, cut=True)
+        off, notes = self.found(2.4, cut=True, max_sigma=10.0)
+        assert np.sqrt(np.mean(off**2)) < 1.2
+        assert any("in steps of 1000 ms: at 5.0 m/s 288.7 cm" in note for note in notes)
+
+    @pytest.mark.parametrize(("every_s", "cut"), [(2.0, False), (2.4, False), (3.0, True)])
+    def test_a_camera_that_fires_evenly_is_not_called_rounded(self, every_s, cut):
+        off, notes = self.found(every_s, cut)
+        assert np.abs(off).max() < 4
+        assert not any("in steps of" in note for note in notes)
