@@ -211,7 +211,8 @@ def course_of(
             course.p_nothing = probability_of_nothing(one.beside_nothing, rng)
             if course.p_nothing >= asked.level:
                 # What all tests together do not show has to show by itself (Good 1950).
-                one.threshold["named"] = max(one.threshold["named"], -np.log(asked.level))
+                for kind in ("named", "beside_noise"):
+                    one.threshold[kind] = max(one.threshold[kind], -np.log(asked.level))
         threshold, one.beside_nothing = one.threshold, None
         if number == SETTINGS.most_refits:
             break
