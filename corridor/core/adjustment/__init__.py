@@ -7,12 +7,13 @@ determines is `Singular`.
 """
 
 from corridor.core.adjustment.absolute_orientation import AbsoluteOrientation, lay_on_control
-from corridor.core.adjustment.adjusting import Run, adjust, complete, refit, without_ties
+from corridor.core.adjustment.adjusting import Run, adjust, complete, refit
 from corridor.core.adjustment.check_statistics import Parts, check_table
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.datum import QUANTITIES, open_motions
 from corridor.core.adjustment.design import Design, Sets
 from corridor.core.adjustment.distances import END
+from corridor.core.adjustment.false_matches import without_ties
 from corridor.core.adjustment.fronts import (
     FrontFactor,
     Fronts,

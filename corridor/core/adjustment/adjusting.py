@@ -19,6 +19,7 @@ from corridor.core.adjustment.datum import (
     open_motions,
     scaled_by_distances,
 )
+from corridor.core.adjustment.false_matches import without_false_matches, without_ties
 from corridor.core.adjustment.false_positions import without_false_fixes
 from corridor.core.adjustment.gross_errors import begun_with_sound_positions, without_gross_errors
 from corridor.core.adjustment.ground_variances import with_ground_doubts, with_marks_as_they_are
@@ -58,8 +59,6 @@ from corridor.core.preparation import (
 ITERATIONS = 100
 # What a lens that is not calibrated may bend, as a start: with this standard deviation.
 START_LENS = {"k1": 0.1, "k2": 0.1}
-# Start values beyond the pictures: of more points than this share, something else is wrong.
-_WILD = 0.1
 # Of the images so many at most may be left out because nothing determines their poses.
 _SPARE = 0.05
 # Points that two images need to be oriented to each other (Nistér 2004).
@@ -161,7 +160,7 @@ def adjust(
                 raise
             # Effects look at poses: where those are far off, they lead further away.
             found = _once(_once(part, model.without_effects(), run).block, model, run)
-            found.start = part
+            found.begun_from(part)
             return found
 
     block, turned = with_turns_as_seen(block, again)
@@ -291,22 +290,17 @@ def _once(
     spare: how many images may be left out because nothing determines their pose; None: a few.
     """
     began = time.perf_counter()
-    start, notes = block, []
+    start = block
     spare = int(_SPARE * len(block.images)) if spare is None else spare
     block = with_rigid_poses(block)
     if _incomplete(block):
         block = complete(block, run.progress)
     problem, loss = make_problem(block, model), Loss.parse(model.loss)
     threads = min(run.threads, 2)
-    residual, behind = Normal(problem, loss, threads).residuals(problem.start)
-    lost = _wild_starts(problem, residual)
-    if behind:
-        block, more = _in_front(block, problem, residual, lost)
-        notes += more
-    elif lost:
-        block = _without_starts(block, lost)
-    if behind or lost:
-        problem = make_problem(block, model)
+    residual, _ = Normal(problem, loss, threads).residuals(problem.start)
+    sound, notes = without_false_matches(block, problem, residual, complete)
+    if sound is not block:
+        block, problem = sound, make_problem(sound, model)
     del residual  # as large as the observations
 
     problem = scaled_by_distances(problem)
@@ -454,62 +448,6 @@ def _incomplete(block: Block) -> bool:
     return False
 
 
-def _wild_starts(problem: Problem, residual: np.ndarray) -> set[str]:
-    """Names of the few points whose start lies beyond the picture of an image that sees others.
-
-    Start values do not shape a result; one that is wild leads every image astray on the way.
-    residual (n, 2): px, of the start.
-    """
-    size = problem.images.size
-    # Nearly always none: what follows is as large as the observations, several times.
-    highest, lowest = (by.reduce(residual, axis=None, initial=0.0) for by in (np.fmax, np.fmin))
-    if max(highest, -lowest) <= size.min():
-        return set()
-    far = (np.abs(residual) > size[problem.img]).any(axis=1)
-    seen, lost = (
-        np.bincount(images, minlength=problem.image_count)
-        for images in (problem.img, problem.img[far])
-    )
-    names = _names_of(problem, far & (2 * lost < seen)[problem.img])
-    return names if len(names) <= _WILD * (len(problem.ptr) - 1) else set()
-
-
-def _without_starts(block: Block, names: set[str]) -> Block:
-    """The block with tie points of these names intersected anew."""
-    block = block.copy()
-    lost = block.points["point"].isin(names)
-    block.points.loc[lost, ["x", "y", "z"]] = np.nan
-    return complete(block)
-
-
-def _in_front(
-    block: Block, problem: Problem, residual: np.ndarray, wild: set[str]
-) -> tuple[Block, list[str]]:
-    """The block with points that start behind a camera, or wild, intersected anew or left out."""
-    behind = np.isnan(residual[:, 0])
-    count = np.bincount(problem.img, minlength=problem.image_count)
-    hidden = np.bincount(problem.img[behind], minlength=problem.image_count)
-    blind = np.flatnonzero(hidden == count)
-    if len(blind):
-        row = problem.order[blind].min()
-        more = f" ({len(blind) - 1} more images too)" if len(blind) > 1 else ""
-        raise InputError(
-            f"{block.where('images', row)}: all points of image "
-            f"{block.images['image'].iloc[row]} lie behind it{more}: check its quaternion (world "
-            "to camera, qw first) and its position"
-        )
-    block = _without_starts(block, _names_of(problem, behind) | wild)
-    again = make_problem(block)
-    residual, still = Normal(again, Loss()).residuals(again.start)
-    if not still:
-        return block, []
-    hopeless = _names_of(again, np.isnan(residual[:, 0]))
-    return without_ties(block, hopeless), [
-        f"{len(hopeless)} tie points lie behind a camera that measured them and are left out "
-        f"({some(sorted(hopeless), 5)}): their matches are wrong."
-    ]
-
-
 def _fallen(problem: Problem, state: State) -> set[str]:
     """Names of tie points that the iterations drew into a camera.
 
@@ -536,21 +474,12 @@ def _without_fallen(
 ) -> Adjustment:
     """The adjustment, from its start again, without tie points that fell into a camera."""
     found = _once(without_ties(block, names), model, run, near=near, refitted=refitted)
-    found.start = start
+    found.begun_from(start)
     found.add_note(
         f"{counted(len(names), 'tie point')} that the adjustment drew into a camera left out "
         f"({some(sorted(names), 5)}): their rays are nearly parallel, or their matches are wrong."
     )
     return found
-
-
-def without_ties(block: Block, names: set[str]) -> Block:
-    """The block without tie points of these names."""
-    block = block.copy()
-    keep = ~block.tie_points["point"].isin(names)
-    block.tie_points = block.tie_points[keep].reset_index(drop=True)
-    block.tie_points["point"] = block.tie_points["point"].cat.remove_unused_categories()
-    return block
 
 
 def _names_of(problem: Problem, rays: np.ndarray) -> set[str]:

@@ -416,7 +416,7 @@ def with_motion_as_seen(result: Adjustment, again: Again) -> Adjustment:
         start = result.start
         left, values = result.as_left(p.stack.members)
         result = again(left, replace(model.starting(values), motion=now))
-        result.start = start
+        result.begun_from(start)
     result.add_note(
         f"The size of the errors of the velocities did not settle in {_MOTION_ROUNDS} rounds "
         f"({before.moved:.2g}, then {now.moved:.2g} times what is stated): the readout time "

@@ -48,6 +48,13 @@ class Adjustment(Tables):
         self.doubts: list[str] = []
         self.control_factor = 1.0
 
+    def begun_from(self, block: Block) -> None:
+        """State the block that all began with: of it the images that are adjusted, for some are
+        left out on the way."""
+        images = self.problem.block.images["image"]
+        whole = len(images) == len(block.images)
+        self.start = block if whole else block.select(images=images)
+
     def __repr__(self) -> str:
         return (
             f"Adjustment of {self.start.name}: {self.problem.image_count} images, sigma naught "
@@ -180,7 +187,7 @@ def from_where_it_ended(
     ended.gnss, ended.lever_arm, ended.extra = start.gnss, start.lever_arm, start.extra
     ended.marks, ended.ground = start.marks, start.ground
     found = again(ended, model, begun=True, **how)
-    found.start = start
+    found.begun_from(start)
     found.keep_notes(result)
     return found
 

@@ -1,0 +1,62 @@
+"""Raw matches: some join images that do not see each other."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import corridor
+
+DIKE = Path(__file__).parents[3] / "data_synthetic" / "dike"
+
+
+@pytest.fixture(scope="module")
+def dike():
+    return corridor.read(DIKE)
+
+
+@pytest.fixture(scope="module")
+def sound(dike):
+    return corridor.adjust(dike)
+
+
+def with_false_matches(block, share, seed):
+    """A share of the tie points is matched in the image that is farthest away too, anywhere."""
+    rng = np.random.default_rng(seed)
+    ties, names = block.tie_points, block.images["image"].astype(str).to_numpy()
+    place = block.images[["x", "y"]].to_numpy(float)
+    farthest = np.linalg.norm(place[:, None] - place, axis=2).argmax(axis=1)
+    farthest = dict(zip(names, names[farthest], strict=True))
+    first = ties.astype({"image": str, "point": str}).drop_duplicates("point")
+    asked = first[rng.random(len(first)) < share]
+    camera = next(iter(block.cameras.values()))
+    false = pd.DataFrame(
+        {"image": asked["image"].map(farthest), "point": asked["point"].to_numpy()}
+    )
+    false["x"] = rng.uniform(0.0, camera.width, len(false))
+    false["y"] = rng.uniform(0.0, camera.height, len(false))
+    both = pd.concat([ties.astype({"image": str, "point": str}), false], ignore_index=True)
+    return block.with_(tie_points=both.drop_duplicates(["image", "point"]).reset_index(drop=True))
+
+
+@pytest.mark.parametrize("share", [0.01, 0.05, 0.25])
+def test_false_matches_with_images_far_off_change_nothing(dike, sound, share):
+    """One in a hundred led the block 370 m astray."""
+    block = with_false_matches(dike, share, seed=1)
+    assert len(block.tie_points) > len(dike.tie_points)
+    found = corridor.adjust(block)
+    off = found.block.images[["x", "y", "z"]] - sound.block.images[["x", "y", "z"]]
+    assert 1e3 * np.abs(off.to_numpy()).max() < 1e-6
+    (told,) = [note for note in found.warnings if "their matches are wrong" in note]
+    assert told.startswith(f"{len(block.tie_points) - len(dike.tie_points)} tie point observations")
+
+
+def test_a_block_is_begun_from_the_images_that_are_adjusted(dike):
+    """Some are left out on the way: what is begun again has no rows of them."""
+    some = dike.images["image"].astype(str)[:12]
+    found = corridor.adjust(dike.select(images=some))
+    found.begun_from(dike)
+    for table in ("images", "tie_points", "marks", "gnss"):
+        assert set(getattr(found.start, table)["image"].astype(str)) <= set(some), table
+    assert len(found.start.images) == 12
