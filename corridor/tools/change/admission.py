@@ -40,6 +40,12 @@ FLIGHTS, BOTH_FLIGHTS = ("the first flight", "the second flight"), "the adjustme
 # Who fails where no flight does by itself.
 BOTH_DATES = "the two dates"
 _AXES = {"plan": " horizontally", "height": " in height"}
+_WRONG = {
+    "gnss": "float or wrong fixes, exchanged images",
+    "control": "wrong coordinates or names, or points that moved themselves since they were "
+    "surveyed: survey these again, or give them the role check at both dates",
+    "attitude": "wrong images, axes or units",
+}
 _CALLED = {"gnss": "GNSS positions", "control": "control points", "attitude": "attitudes"}
 
 
@@ -143,6 +149,11 @@ class Coordinates:
     def mistaken(self) -> list[str]:
         """Control points that differ where others agree."""
         return [] if self.two_datums else self._named(self.differ & self.control)
+
+    @property
+    def displacements(self) -> dict[str, np.ndarray]:
+        """Of those that differ (3,), m, by name."""
+        return dict(zip(self._named(self.differ), self.difference[self.differ], strict=True))
 
     def objections(self) -> Iterator[Objection]:
         """That the dates are in two datums."""
@@ -270,8 +281,8 @@ def misfits(adjustment: Adjustment, who: str) -> Iterator[Objection]:
             who,
             f"the residuals of its {called}{where} are {fixed(one.sigma0, 1)} times as large as "
             f"stated{_AXES.get(one.part, '')} (most at {_worst(adjustment, one)})",
-            f"Look at {called} of {who}: float or wrong fixes, wrong coordinates or names, "
-            "standard deviations that are stated too small.",
+            f"Look at {called} of {who}: {_WRONG[one.kind]}, standard deviations that are stated "
+            "too small.",
         )
 
 

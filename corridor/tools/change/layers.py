@@ -29,6 +29,7 @@ from corridor.tools.change.cores import Cores
 from corridor.tools.change.epoch import Cloud, Epoch, coordinates
 from corridor.tools.change.joint import Joint
 from corridor.tools.change.m3c2 import LEAST_IN_CYLINDER, members, polynomial, roughness
+from corridor.tools.change.registration import EFFICIENCY
 from corridor.tools.change.significance import two_sided
 
 # Level of the test, of a patch at one date.
@@ -191,15 +192,23 @@ def typical(
     return np.array(out)
 
 
-def rougher(clouds: tuple[Cloud, Cloud], cores: Cores, degree: int, date: int) -> bool:
-    """Whether heights at some core points scatter more at one date, for good (an F test)."""
+def scatter_added(clouds: tuple[Cloud, Cloud], cores: Cores, degree: int, date: int) -> float:
+    """Variance, m^2, by which heights at some core points scatter more at one date; 0 where that is
+    chance (F tests).
+
+    Of all cylinders, or of the median one, in which edges of the ground, as of a dike, decide
+    nothing.
+    """
     found = [members(cloud, cores, degree) for cloud in clouds]
-    variance = np.array([np.mean(one.left**2) for one in found])
     # A point of several cylinders counts once.
-    free = [len(np.unique(one.point)) - one.fit for one in found]
-    if min(free) < 1 or not variance.min() > 0.0:
-        return False
-    return f.sf(variance[date] / variance[1 - date], free[date], free[1 - date]) < FALSE_ALARM
+    free = np.array([len(np.unique(one.point)) - one.fit for one in found], dtype=float)
+    squares, added = np.array([one.spread**2 for one in found]), 0.0
+    for middle, worth in ((np.nanmean, 1.0), (np.nanmedian, EFFICIENCY)):
+        less, more = middle(squares, axis=1)[[1 - date, date]]
+        rest, mine = worth * free[[1 - date, date]]
+        if min(rest, mine) >= 1.0 and f.sf(more / max(less, 1e-12), mine, rest) < 0.5 * FALSE_ALARM:
+            added = max(added, float(more - less))
+    return added
 
 
 def _strips(epoch: Epoch) -> tuple[list[str], np.ndarray]:
