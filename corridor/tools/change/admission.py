@@ -142,8 +142,10 @@ class Coordinates:
 
     @property
     def two_datums(self) -> bool:
-        """Whether most of them differ: that is no mistake of one point."""
-        return bool(self.differ.sum() > 0.5 * len(self.differ))
+        """Whether most of them differ, which is no mistake of one point, and no datum is common:
+        that takes three control points that stayed, while others moved or were mistaken."""
+        most, stayed = self.differ.sum() > 0.5 * len(self.differ), self.control & ~self.differ
+        return bool(most and (self.together or stayed.sum() < 3))
 
     @property
     def mistaken(self) -> list[str]:

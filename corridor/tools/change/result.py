@@ -58,10 +58,15 @@ class Compared:
         # Control that fits both dates stands still too.
         inside = cKDTree(surface.cores.xyz[rows, :2]).query(points.xyz[:, :2])[0]
         inside = inside < surface.cores.radius
+        # What covers everything shows at all marks, where the few in a patch show too little.
+        found = (self._covered(rows, some) for some in (inside, np.ones(len(inside), dtype=bool)))
+        return None if len(ways) > 1 else next(filter(None, found), None)
+
+    def _covered(self, rows: np.ndarray, inside: np.ndarray) -> Cover | None:
+        """Core points that some marked points (k,) contradict; all of them where they change by no
+        more than the surface at all marks, or a bowl between these would be grass."""
+        points, surface = self.points, self.surface
         if inside.sum() < LEAST_POINTS:
-            # What covers everything shows at every mark, which are its neighbours.
-            inside[:] = True
-        if len(ways) > 1 or inside.sum() < LEAST_POINTS:
             return None
         # The surface where these points are: at the rim of a bowl both move little.
         away = cKDTree(points.xyz[inside, :2]).query(surface.cores.xyz[:, :2])[0]
@@ -75,6 +80,9 @@ class Compared:
         )
         apart = abs(there.change - still) / np.hypot(there.sigma, sigma)
         if apart < FAR_APART or abs(still) > FAR_APART * sigma:
+            return None
+        more = abs(whole.change - there.change) / np.hypot(whole.sigma, there.sigma)
+        if inside.all() and more > FAR_APART:
             return None
         return Cover(whole, int(inside.sum()), still, sigma)
 

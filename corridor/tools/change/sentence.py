@@ -160,12 +160,16 @@ def mark_apart(points, found) -> str:
 
 
 def patch_level(found) -> str:
-    """Its points share one height at both dates; found: a `Level`."""
+    """Its points share one height at both dates, or at one; found: a `Level`."""
+    level = f"level within {1000 * found.within:.0f} mm as still water is"
+    if len(found.dates) < 2:
+        date = ("the first date", "the second date")[found.dates[0]]
+        return f"at {date} its points share one height, {level}."
     rise = found.heights[1] - found.heights[0]
     way = "higher" if rise > 0 else "lower"
     return (
-        f"at each date its points share one height, level within {1000 * found.within:.0f} mm as "
-        f"still water is, which is {abs(rise):.2f} m {way} at the second date."
+        f"at each date its points share one height, {level}, which is {abs(rise):.2f} m {way} at "
+        "the second date."
     )
 
 
