@@ -42,8 +42,8 @@ BOTH_DATES = "the two dates"
 _AXES = {"plan": " horizontally", "height": " in height"}
 _WRONG = {
     "gnss": "float or wrong fixes, exchanged images",
-    "control": "wrong coordinates or names, or points that moved themselves since they were "
-    "surveyed: survey these again, or give them the role check at both dates",
+    "control": "wrong coordinates or names, points that moved themselves since they were surveyed "
+    "(survey these again, or give them the role check at both dates)",
     "attitude": "wrong images, axes or units",
 }
 _CALLED = {"gnss": "GNSS positions", "control": "control points", "attitude": "attitudes"}
@@ -283,8 +283,8 @@ def misfits(adjustment: Adjustment, who: str) -> Iterator[Objection]:
             who,
             f"the residuals of its {called}{where} are {fixed(one.sigma0, 1)} times as large as "
             f"stated{_AXES.get(one.part, '')} (most at {_worst(adjustment, one)})",
-            f"Look at {called} of {who}: {_WRONG[one.kind]}, standard deviations that are stated "
-            "too small.",
+            f"Look at {called} of {who}: {_WRONG[one.kind]}, or standard deviations that are "
+            "stated too small.",
         )
 
 
