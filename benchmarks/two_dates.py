@@ -464,9 +464,15 @@ KINDS = {
     "focus jump": {"lens": (1e-3, 0.0, 0.0)},
     "lorries": {"parked": 3.0},
     "water 0.4 m lower": {"water_level": 12.1},
+    "flood that left": {},
+    "maize": {"raised": 0.8},
+    "K2 on another target": {"mark": 40.0, "mark_of": "K2"},
 }
 # What the first date has of these kinds too, with its own value.
-BOTH = {"water 0.4 m lower": {"water_level": 12.5}}
+BOTH = {
+    "water 0.4 m lower": {"water_level": 12.5},
+    "flood that left": {"water_level": 12.5},
+}
 # Verdicts that are right where the ground does not move, for kinds where one is.
 RIGHT = {
     "rest": {"nothing"},
@@ -499,7 +505,7 @@ RIGHT = {
     "lens cools": {"nothing", "camera"},
     "drop on the lens": {"nothing", "camera", "unfit"},
     "mark of C1 5 px off": {"nothing", "unfit"},
-    "mark M3 6 px off": {"nothing"},
+    "mark M3 6 px off": {"nothing", "undecided"},
     "repeated pattern": {"nothing"},
     "another lens": {"nothing"},
     "half of the corridor": {"nothing"},
@@ -514,6 +520,9 @@ RIGHT = {
     "focus jump": {"camera", "nothing", "unfit"},
     "lorries": {"nothing", "cover"},
     "water 0.4 m lower": {"cover", "nothing"},
+    "flood that left": {"cover", "nothing"},
+    "maize": {"cover", "nothing"},
+    "K2 on another target": {"nothing", "undecided"},
 }
 # Kinds that are flown with a motion of the ground too, and which.
 BOWL = Motion((0.0, 0.0, -0.12))
@@ -540,6 +549,7 @@ SAYS = {
     "Not the ground": {"cover"},
     "Cannot be determined: ": {"unfit"},
     "Ground and camera cannot be told apart": {"undecided"},
+    "Ground and mark cannot be told apart": {"undecided"},
 }
 
 

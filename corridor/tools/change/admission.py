@@ -40,6 +40,12 @@ FLIGHTS, BOTH_FLIGHTS = ("the first flight", "the second flight"), "the adjustme
 # Who fails where no flight does by itself.
 BOTH_DATES = "the two dates"
 _AXES = {"plan": " horizontally", "height": " in height"}
+_WRONG = {
+    "gnss": "float or wrong fixes, exchanged images",
+    "control": "wrong coordinates or names, points that moved themselves since they were surveyed "
+    "(survey these again, or give them the role check at both dates)",
+    "attitude": "wrong images, axes or units",
+}
 _CALLED = {"gnss": "GNSS positions", "control": "control points", "attitude": "attitudes"}
 
 
@@ -136,13 +142,20 @@ class Coordinates:
 
     @property
     def two_datums(self) -> bool:
-        """Whether most of them differ: that is no mistake of one point."""
-        return bool(self.differ.sum() > 0.5 * len(self.differ))
+        """Whether most of them differ, which is no mistake of one point, and no datum is common:
+        that takes three control points that stayed, while others moved or were mistaken."""
+        most, stayed = self.differ.sum() > 0.5 * len(self.differ), self.control & ~self.differ
+        return bool(most and (self.together or stayed.sum() < 3))
 
     @property
     def mistaken(self) -> list[str]:
         """Control points that differ where others agree."""
         return [] if self.two_datums else self._named(self.differ & self.control)
+
+    @property
+    def displacements(self) -> dict[str, np.ndarray]:
+        """Of those that differ (3,), m, by name."""
+        return dict(zip(self._named(self.differ), self.difference[self.differ], strict=True))
 
     def objections(self) -> Iterator[Objection]:
         """That the dates are in two datums."""
@@ -270,8 +283,8 @@ def misfits(adjustment: Adjustment, who: str) -> Iterator[Objection]:
             who,
             f"the residuals of its {called}{where} are {fixed(one.sigma0, 1)} times as large as "
             f"stated{_AXES.get(one.part, '')} (most at {_worst(adjustment, one)})",
-            f"Look at {called} of {who}: float or wrong fixes, wrong coordinates or names, "
-            "standard deviations that are stated too small.",
+            f"Look at {called} of {who}: {_WRONG[one.kind]}, or standard deviations that are "
+            "stated too small.",
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -48,7 +48,7 @@ from corridor.tools.change.explanation import (
     gathered,
 )
 from corridor.tools.change.joint import Joint, control_of_both
-from corridor.tools.change.layers import layers, level, rougher, smoothest, typical
+from corridor.tools.change.layers import APART, layers, level, scatter_added, smoothest, typical
 from corridor.tools.change.matching import without_gross_ties
 from corridor.tools.change.points import point_changes
 from corridor.tools.change.registration import registered
@@ -105,13 +105,14 @@ def change(
     given = (before, after)
     blocks = tuple(one.start if isinstance(one, Adjustment) else read(one) for one in given)
     check_blocks(*blocks)
-    run = _Run(model or Model(), asked, threads, telling(progress), blocks)
     # Laid together on what stands still, dates may have other coordinates.
     surveys = None if asked.datum == "stable" else Coordinates.of(*blocks)
     if surveys is not None:
         first, second = (np.median(block.poses[:, :3], axis=0) for block in blocks)
         surveys.check(asked.largest, second - first)
     mistaken = [] if surveys is None else surveys.mistaken
+    surveyed = {} if surveys is None else surveys.displacements
+    run = _Run(model or Model(), asked, threads, telling(progress), blocks, surveyed)
     run.without_control(mistaken)
     adjusted = tuple(
         run.without_gross_ties(one, run.model)
@@ -213,14 +214,16 @@ def _objections(compared: Compared, model: Model) -> list[Objection]:
 
 @dataclass
 class _Run:
-    """One comparison and how it is made. cores: those of the first surface. stable: ground points
-    common to both dates, where these are adjusted together."""
+    """One comparison and how it is made. surveyed: displacements (3,) of ground points by
+    two surveys, m. cores: those of the first surface. stable: ground points common to both dates,
+    where these are adjusted together."""
 
     model: Model
     asked: Comparison
     threads: int
     say: Callable[..., None]
     blocks: tuple[Block, Block]
+    surveyed: Mapping[str, np.ndarray]
     cores: Cores | None = None
     stable: list[str] | None = None
 
@@ -369,7 +372,7 @@ class _Run:
             evidence = evidence.besides(np.concatenate(gone))
         points = evidence.judged(points, level)
         if points is not None and points.undecided is not None:
-            points = points.within(patches, surface)
+            points = points.within(patches, surface, self.surveyed)
         return replace(
             compared, points=points, patches=tuple(patches), apart=tuple(apart)
         ), evidence
@@ -401,8 +404,8 @@ def _no_ground(
     moved = float(patch.weight[some] @ each)
     # Nearer to no motion than to that of the mean; a hole makes the lower date the rougher one.
     few = moved / patch.change < 0.5 and rough[higher] > rough[1 - higher]
-    # Where less than half are lifted they scatter by more than the mean rises.
-    few |= rougher(clouds, cores, degree, higher) and np.ptp(rough) > patch.change**2
+    # What is lifted as one is another layer than what is not; less than that is a mixture.
+    few |= patch.change**2 < APART**2 * scatter_added(clouds, cores, degree, higher)
     return (patch_some(moved, _DATES[higher], cores.radius) if few else None), patch.rows
 
 

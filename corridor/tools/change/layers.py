@@ -5,7 +5,8 @@ Tie points on water, traffic or leaves move while they are photographed. Along a
 like another height, and the next strip, flown the other way or at another time, shows another one:
 the date shows two surfaces there, and their mean is no ground.
 
-Still water is level: at either date its points share one height, whatever they were found on. No
+Still water is level: its points share one height, whatever they were found on, at both dates or at
+the one that shows it. No
 slope, no crest with a camber and no rough ground does, as far as the points are good enough to show
 it; what they cannot show is not taken for water.
 
@@ -29,6 +30,7 @@ from corridor.tools.change.cores import Cores
 from corridor.tools.change.epoch import Cloud, Epoch, coordinates
 from corridor.tools.change.joint import Joint
 from corridor.tools.change.m3c2 import LEAST_IN_CYLINDER, members, polynomial, roughness
+from corridor.tools.change.registration import EFFICIENCY
 from corridor.tools.change.significance import two_sided
 
 # Level of the test, of a patch at one date.
@@ -79,17 +81,19 @@ def layers(cloud: Cloud, cores: Cores, degree: int) -> Layers | None:
 
 @dataclass(frozen=True)
 class Level:
-    """Points that share one height at each date: heights (2,), reach (2,): how far from it they may
-    lie, within: RMS about it of the worse date, m."""
+    """Points that share one height at some dates (their numbers): heights, reach: how far from it
+    they may lie, within: RMS about it of the worse date, m."""
 
     heights: tuple[float, ...]
     reach: tuple[float, ...]
     within: float
+    dates: tuple[int, ...]
 
     def shown(self, clouds: tuple[Cloud, Cloud], cores: Cores, degree: int) -> np.ndarray:
-        """Which core points (r,) show some of them at both dates, as a bank between them does."""
+        """Which core points (r,) show some of them at all of these, as a bank between them does."""
         out = np.ones(len(cores), dtype=bool)
-        for cloud, height, reach in zip(clouds, self.heights, self.reach, strict=True):
+        for n, height, reach in zip(self.dates, self.heights, self.reach, strict=True):
+            cloud = clouds[n]
             found = members(cloud, cores, degree)
             at = np.abs(cloud.epoch.xyz[found.point, 2] - height) < reach
             out &= np.bincount(found.core, at, len(cores)) > 0
@@ -107,10 +111,10 @@ def smoothest(clouds: tuple[Cloud, Cloud], cores: Cores, rows: np.ndarray, degre
 def level(joint: Joint, cores: Cores, degree: int, smooth: float) -> Level | None:
     """How the points at some core points are level, None where they are not known to be.
 
-    At both dates all points in some cylinders lie within three standard deviations of the height
-    that most points share, and scatter about a plane by no more than the noise of each alone.
-    smooth: see `smoothest`; where points are too few or too coarse to show that much, nothing is
-    known.
+    At both dates, or at one, all points in some cylinders lie within three standard deviations of
+    the height that most points share, and scatter about a plane by no more than the noise of each
+    alone. smooth: see `smoothest`; where points are too few or too coarse to show that much,
+    nothing is known.
     """
     clouds, shown = (joint.before, joint.after), []
     for n, cloud in enumerate(clouds):
@@ -121,16 +125,17 @@ def level(joint: Joint, cores: Cores, degree: int, smooth: float) -> Level | Non
         height = _most_shared(z[point], reach)
         at = np.abs(z[found.point] - height) < reach
         shown.append((height, reach, found, np.bincount(found.core, at, len(cores))))
-    whole = np.all([count == found.count for _, _, found, count in shown], axis=0)
-    within = 0.0
-    for cloud, (height, _, found, _) in zip(clouds, shown, strict=True):
-        point = np.unique(found.point[whole[found.core]])
-        scatter = _level_within(cloud.epoch, point, height, smooth)
-        if scatter is None:
-            return None
-        within = max(within, scatter)
-    heights, reach, *_ = zip(*shown, strict=True)
-    return Level(heights, reach, within)
+    for dates in ((0, 1), (0,), (1,)):
+        some = [shown[n] for n in dates]
+        whole = np.all([count == found.count for _, _, found, count in some], axis=0)
+        scatter = [
+            _level_within(clouds[n].epoch, np.unique(f.point[whole[f.core]]), height, smooth)
+            for n, (height, _, f, _) in zip(dates, some, strict=True)
+        ]
+        if None not in scatter:
+            heights, reach, *_ = zip(*some, strict=True)
+            return Level(heights, reach, max(scatter), dates)
+    return None
 
 
 def _level_within(epoch: Epoch, point: np.ndarray, height: float, smooth: float) -> float | None:
@@ -191,15 +196,23 @@ def typical(
     return np.array(out)
 
 
-def rougher(clouds: tuple[Cloud, Cloud], cores: Cores, degree: int, date: int) -> bool:
-    """Whether heights at some core points scatter more at one date, for good (an F test)."""
+def scatter_added(clouds: tuple[Cloud, Cloud], cores: Cores, degree: int, date: int) -> float:
+    """Variance, m^2, by which heights at some core points scatter more at one date; 0 where that is
+    chance (F tests).
+
+    Of all cylinders, or of the median one, in which edges of the ground, as of a dike, decide
+    nothing.
+    """
     found = [members(cloud, cores, degree) for cloud in clouds]
-    variance = np.array([np.mean(one.left**2) for one in found])
     # A point of several cylinders counts once.
-    free = [len(np.unique(one.point)) - one.fit for one in found]
-    if min(free) < 1 or not variance.min() > 0.0:
-        return False
-    return f.sf(variance[date] / variance[1 - date], free[date], free[1 - date]) < FALSE_ALARM
+    free = np.array([len(np.unique(one.point)) - one.fit for one in found], dtype=float)
+    squares, added = np.array([one.spread**2 for one in found]), 0.0
+    for middle, worth in ((np.nanmean, 1.0), (np.nanmedian, EFFICIENCY)):
+        less, more = middle(squares, axis=1)[[1 - date, date]]
+        rest, mine = worth * free[[1 - date, date]]
+        if min(rest, mine) >= 1.0 and f.sf(more / max(less, 1e-12), mine, rest) < 0.5 * FALSE_ALARM:
+            added = max(added, float(more - less))
+    return added
 
 
 def _strips(epoch: Epoch) -> tuple[list[str], np.ndarray]:

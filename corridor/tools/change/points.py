@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
@@ -32,7 +33,8 @@ class PointChanges:
     of all that are not held. functions: the displacements (3k,), see `Joint`.
     beside (k,): the probability once every effect of camera and flight is estimated in each epoch,
     within what its prior allows; None where that was not asked for. undecided (k,): moved by its
-    own covariance, but not beside the effects, or while all that was compared does not change.
+    own covariance, but not beside the effects, or while all that was compared does not change, or
+    alone (k,): nothing else says so, see `within`.
     """
 
     names: np.ndarray
@@ -47,6 +49,7 @@ class PointChanges:
     apart: np.ndarray | None = None
     beside: np.ndarray | None = None
     undecided: np.ndarray | None = None
+    alone: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.names)
@@ -91,15 +94,35 @@ class PointChanges:
             table["beside_effects"] = self.beside
         return with_units(table.assign(verdict=words), {"m": "x y z dx dy dz sx sy sz"})
 
-    def within(self, patches: Iterable[PatchChange], surface: SurfaceChange) -> PointChanges:
-        """The same points, of which those that are undecided moved where a patch of the surface
-        did, whatever effects there are, and they are nearer to its change than to none."""
+    def within(
+        self,
+        patches: Iterable[PatchChange],
+        surface: SurfaceChange | None,
+        surveyed: Mapping[str, np.ndarray] = MappingProxyType({}),
+    ) -> PointChanges:
+        """The same points beside other witnesses.
+
+        Those that are undecided moved where a patch of the surface did, whatever effects there are,
+        and they are nearer to its change than to none. One that moved is undecided where nothing
+        else says so: no such patch, no second survey (displacements by name, m), no other point
+        that went within 60 degrees of the same way, in standard deviations. A mark on another
+        target, moved or with another's name is displaced in all pictures alike.
+        """
         sure = np.zeros(len(self), dtype=bool)
         for one in patches:
             places = surface.cores.xyz[one.rows, :2]
             inside = cKDTree(places).query(self.xyz[:, :2])[0] < surface.cores.radius
-            sure |= inside & self.undecided & (self.shift[:, 2] / one.change > 0.5)
-        return replace(self, moved=self.moved | sure, undecided=self.undecided & ~sure)
+            sure |= inside & (self.shift[:, 2] / one.change > 0.5)
+        moved = self.moved | (sure & self.undecided)
+        way = self.shift / self.sigma
+        way /= np.maximum(np.linalg.norm(way, axis=1), 1e-12)[:, None]
+        alike = way @ way[moved | self.undecided].T > 0.5
+        other = self.shift - np.array([surveyed.get(name, np.zeros(3)) for name in self.names])
+        surveyed_so = np.linalg.norm(other, axis=1) < 0.5 * np.linalg.norm(self.shift, axis=1)
+        sure |= (alike.sum(axis=1) > 1) | surveyed_so
+        alone = moved & ~sure
+        undecided = (self.undecided & ~moved) | alone
+        return replace(self, moved=moved & sure, undecided=undecided, alone=alone)
 
     def beside_effects(
         self, shift: np.ndarray, covariance: np.ndarray, level: float, changed: bool

@@ -73,7 +73,7 @@ def to_dict(change) -> dict:
         "before": change.names[0],
         "after": change.names[1],
         "verdict": change.verdict,
-        "verdict_in_words": _VERDICTS[change.verdict],
+        "verdict_in_words": verdict_in_words(change),
         "sentence": verdict_sentence(change),
         "remedies": remedies(change),
         "objections": [vars(one) for one in change.objections],
@@ -114,6 +114,14 @@ def to_dict(change) -> dict:
     if change.gained is not None:
         out["gained"] = {"sigma_apart": change.gained[0], "sigma_together": change.gained[1]}
     return out
+
+
+def verdict_in_words(change) -> str:
+    """Of the surface alone nobody says that it is the ground."""
+    points = change.points
+    if change.verdict == "moved" and (points is None or not points.moved.any()):
+        return "the surface moved"
+    return _VERDICTS[change.verdict]
 
 
 def save(change, folder: str | os.PathLike, gis: bool = True) -> list[Path]:
@@ -207,7 +215,8 @@ def _points(points: PointChanges) -> Table:
     if points.undecided is not None and points.undecided.any():
         notes.append(
             "undecided: beyond its own noise, but among all points and the whole surface one so "
-            "large comes by chance, or effects of camera and flight can make it."
+            "large comes by chance, effects of camera and flight can make it, or nothing else says "
+            "the same."
         )
     return Table.of(pd.DataFrame(rows), "Points, second date minus first", notes)
 

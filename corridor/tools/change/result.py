@@ -43,7 +43,7 @@ class Compared:
 
     @property
     def doubted(self) -> bool:
-        """Whether a point did, but an effect of camera and flight could have moved it."""
+        """Whether a point did, but an effect could have moved it, or nothing else says so."""
         undecided = None if self.points is None else self.points.undecided
         return undecided is not None and bool(undecided.any())
 
@@ -58,20 +58,31 @@ class Compared:
         # Control that fits both dates stands still too.
         inside = cKDTree(surface.cores.xyz[rows, :2]).query(points.xyz[:, :2])[0]
         inside = inside < surface.cores.radius
-        if len(ways) > 1 or inside.sum() < LEAST_POINTS:
+        # What covers everything shows at all marks, where the few in a patch show too little.
+        found = (self._covered(rows, some) for some in (inside, np.ones(len(inside), dtype=bool)))
+        return None if len(ways) > 1 else next(filter(None, found), None)
+
+    def _covered(self, rows: np.ndarray, inside: np.ndarray) -> Cover | None:
+        """Core points that some marked points (k,) contradict; all of them where they change by no
+        more than the surface at all marks, or a bowl between these would be grass."""
+        points, surface = self.points, self.surface
+        if inside.sum() < LEAST_POINTS:
             return None
         # The surface where these points are: at the rim of a bowl both move little.
-        at = cKDTree(surface.cores.xyz[:, :2]).query(points.xyz[inside, :2])[1]
+        away = cKDTree(points.xyz[inside, :2]).query(surface.cores.xyz[:, :2])[0]
         up = np.flatnonzero(inside) * 3 + 2
         weight = np.full(len(up), 1.0 / len(up))
         still = float(weight @ points.shift[inside, 2])
         sigma = float(np.sqrt(weight @ points.covariance[np.ix_(up, up)] @ weight))
         whole, there = (
             PatchChange.of(surface, some, max(p.probability for p in self.patches))
-            for some in (rows, np.unique(at))
+            for some in (rows, np.flatnonzero(away < surface.cores.radius))
         )
         apart = abs(there.change - still) / np.hypot(there.sigma, sigma)
         if apart < FAR_APART or abs(still) > FAR_APART * sigma:
+            return None
+        more = abs(whole.change - there.change) / np.hypot(whole.sigma, there.sigma)
+        if inside.all() and more > FAR_APART:
             return None
         return Cover(whole, int(inside.sum()), still, sigma)
 
@@ -137,7 +148,8 @@ class Change:
             return "cover"
         if self.explanation is not None:
             return self.explanation.verdict
-        return "moved" if self.final.moved else "nothing"
+        unexplained = "undecided" if self.final.doubted else "nothing"
+        return "moved" if self.final.moved else unexplained
 
     def __repr__(self) -> str:
         return f"Change from {self.names[0]} to {self.names[1]}: {self.verdict}"

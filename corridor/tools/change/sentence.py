@@ -38,6 +38,8 @@ def verdict_sentence(change) -> str:
         return _moved(change.final) + besides
     if change.verdict == "camera":
         return _camera(told, _size(change.compared))
+    if change.verdict == "undecided" and change.points is not None and change.points.alone.any():
+        return _alone(change.final) + besides
     if change.verdict == "undecided":
         return _undecided(told, _size(change.compared)) + besides
     apart = change.final.apart
@@ -63,7 +65,12 @@ def remedies(change, most: int = 3) -> list[str]:
     where an epoch does not fit."""
     if change.objections:
         return list(dict.fromkeys(one.remedy for one in change.objections))[:most]
-    if change.explanation is None or change.verdict != "undecided":
+    if change.verdict != "undecided":
+        return []
+    if change.points is not None and change.points.alone.any():
+        names = some([str(name) for name in change.points.names[change.points.alone]], 6)
+        return [f"Compare the photographs of both dates at {names}: is it the same mark?"]
+    if change.explanation is None:
         return []
     hiding = _hiding(change.explanation)
     if not len(hiding):
@@ -79,18 +86,13 @@ def remedies(change, most: int = 3) -> list[str]:
 
 def _moved(found) -> str:
     """What carries the most significance first: points, then patches; found: a `Compared`."""
-    points, surface = found.points, found.surface
-    said = []
+    points, said = found.points, []
     if points is not None and points.moved.any():
         order = points.leading
         first, names = order[0], [str(points.names[k]) for k in order]
-        where = ""
-        if surface is not None:
-            station, across = surface.cores.along(points.xyz[first : first + 1])
-            where = f" at station {station[0]:.0f} m, {_aside(across[0])}"
         way = _way(points.shift[first], points.sigma[first])
         said.append(
-            f"The ground moved: point {names[0]} {way}{where}; {len(order)} of "
+            f"The ground moved: point {names[0]} {way}{_where(found, first)}; {len(order)} of "
             f"{np.sum(~points.held)} points moved significantly ({some(names, 6)})."
         )
     for one in sorted(found.patches, key=lambda p: -abs(p.change / p.sigma))[:1]:
@@ -114,7 +116,7 @@ def _cover(found) -> str:
     `Compared`."""
     cover, patch = found.cover, found.cover.patch
     doubt = (
-        f" Yet {_doubted(found.points)}: the ground, or an effect of the camera."
+        f" Yet {_doubted(found.points)}: the ground, its mark, or an effect of the camera."
         if found.doubted
         else ""
     )
@@ -122,8 +124,8 @@ def _cover(found) -> str:
         f"Not the ground, but what covers it: {patch.area:.0f} m\u00b2 of the surface "
         f"{'sank' if patch.change < 0 else 'rose'} by "
         f"{millimetres(abs(patch.change), patch.sigma)} in the mean, while {cover.points} marked "
-        f"points in it stand still ({millimetres(cover.still, cover.sigma)}): vegetation, snow or "
-        f"material that was added or removed.{doubt}"
+        f"points of it stand still ({millimetres(cover.still, cover.sigma)}): vegetation, snow or "
+        f"material that was added or removed, or other targets.{doubt}"
     )
 
 
@@ -158,12 +160,16 @@ def mark_apart(points, found) -> str:
 
 
 def patch_level(found) -> str:
-    """Its points share one height at both dates; found: a `Level`."""
+    """Its points share one height at both dates, or at one; found: a `Level`."""
+    level = f"level within {1000 * found.within:.0f} mm as still water is"
+    if len(found.dates) < 2:
+        date = ("the first date", "the second date")[found.dates[0]]
+        return f"at {date} its points share one height, {level}."
     rise = found.heights[1] - found.heights[0]
     way = "higher" if rise > 0 else "lower"
     return (
-        f"at each date its points share one height, level within {1000 * found.within:.0f} mm as "
-        f"still water is, which is {abs(rise):.2f} m {way} at the second date."
+        f"at each date its points share one height, {level}, which is {abs(rise):.2f} m {way} at "
+        "the second date."
     )
 
 
@@ -247,6 +253,28 @@ def _undecided(told: Explanation, size: str) -> str:
         f"Ground and camera cannot be told apart: a change is there{size}, but {_listed(names)} in "
         "one of the epochs could make it, and the measurements do not say."
     )
+
+
+def _alone(found) -> str:
+    """That points moved each by itself, the most significant one first; found: a `Compared`."""
+    points, names = found.points, [str(n) for n in found.points.names[found.points.alone]]
+    size = np.where(points.alone, np.sum((points.shift / points.sigma) ** 2, axis=1), -1.0)
+    first = int(np.argmax(size))
+    others = f" ({len(names)} points each their own way: {some(names, 6)})" * (len(names) > 1)
+    return (
+        f"Ground and mark cannot be told apart: point {points.names[first]} "
+        f"{_way(points.shift[first], points.sigma[first])}{_where(found, first)}, and neither "
+        f"another point nor the surface says the same{others}. The ground moved there, or the mark "
+        "was moved, exchanged or measured in another place."
+    )
+
+
+def _where(found, k: int) -> str:
+    """Where along the corridor a point is, by its number; nothing is known without a surface."""
+    if found.surface is None:
+        return ""
+    station, across = found.surface.cores.along(found.points.xyz[k : k + 1])
+    return f" at station {station[0]:.0f} m, {_aside(across[0])}"
 
 
 def _size(found) -> str:

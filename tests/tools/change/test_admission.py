@@ -73,6 +73,14 @@ class TestCoordinates:
         (one,) = self.dates({name: (0.0, 0.2, 0.0) for name in names}).objections()
         assert "8 of 11 ground points" in one.what and "(+0.000, +0.200, +0.000) m" in one.what
 
+    def test_that_all_of_one_side_sank_is_no_datum(self):
+        """Three control points that stayed hold it; two alone do not."""
+        sank = {name: (0.0, 0.01 * k, -0.3 + 0.02 * k) for k, name in enumerate(["C0", "C2", "C4"])}
+        sank |= {f"K{k}": (0.0, 0.0, -0.25) for k in range(4)}
+        found = self.dates(sank)
+        assert not list(found.objections()) and found.mistaken == ["C0", "C2", "C4"]
+        assert list(self.dates(sank | {"C5": (0.0, 0.0, -0.2)}).objections())
+
     def test_a_base_2_cm_beside_is_told_by_all_points_where_none_tells_it_alone(self):
         """Each lies 2.8 sigmas away; their median 7. That a third of them sinks is no datum."""
         names = [f"C{k}" for k in range(6)] + [f"K{k}" for k in range(5)]

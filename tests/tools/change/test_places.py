@@ -13,11 +13,11 @@ from benchmarks import two_dates
 from corridor.tools.change import significance
 from corridor.tools.change.cores import Cores
 from corridor.tools.change.explanation import Explanation
-from corridor.tools.change.layers import level, typical
+from corridor.tools.change.layers import level, scatter_added, typical
 from corridor.tools.change.m3c2 import members
 from corridor.tools.change.points import PointChanges, localised
 from corridor.tools.change.result import Compared
-from corridor.tools.change.sentence import verdict_sentence
+from corridor.tools.change.sentence import patch_level, verdict_sentence
 from corridor.tools.change.significance import patches_beside
 from corridor.tools.change.surface import PatchChange
 
@@ -92,6 +92,18 @@ class TestPatches:
         found = typical(dates, self.core, 0, sampled=False)
         assert found == pytest.approx([-0.03], abs=1e-9)
 
+    @pytest.mark.parametrize("edge", [0.0, 3.0])
+    def test_what_grows_scatters_beside_an_edge_of_the_ground_too(self, edge):
+        """Heights of 0.5 m, scatter 0.29 m; the edge of a dike is in one of five cylinders."""
+        places = np.concatenate([self.level + [12.0 * n, 0.0, 0.0] for n in range(5)])
+        places[:60, 2] += edge * (places[:60, 0] > 0.0)
+        cores = upright(np.column_stack([12.0 * np.arange(5.0), np.zeros(5)]))
+        grown = places + np.outer(self.draw.gamma(3.0, 0.5 / 3.0, 300), [0.0, 0.0, 1.0])
+        added = scatter_added((cloud(places), cloud(grown)), cores, 0, 1)
+        assert added == pytest.approx(0.29**2, rel=0.5 if edge == 0.0 else 0.8)
+        lifted = cloud(places + [0.0, 0.0, 0.5])
+        assert scatter_added((cloud(places), lifted), cores, 0, 1) == 0.0
+
     @pytest.mark.parametrize("degree", [1, 2])
     def test_a_surface_is_not_extrapolated(self, degree):
         aside = self.level[self.level[:, 0] > 1.0]
@@ -117,7 +129,7 @@ class Surface:
 class TestCover:
     """A patch of 200 m along which the surface changes, and three marks that stand still."""
 
-    def found(self, change, held):
+    def found(self, change, held, rows=slice(None)):
         cores = upright(np.column_stack([np.arange(0.0, 200.0, 2.0), np.zeros(100)]))
         surface = Surface(change(cores.station), cores)
         marks = np.array([[2.0, 1.0, 0.0], [8.0, -1.0, 0.0], [14.0, 0.0, 0.0]])
@@ -125,7 +137,7 @@ class TestCover:
             xyz=marks, shift=np.zeros((3, 3)), covariance=1e-4 * np.eye(9),
             held=np.full(3, held), moved=np.zeros(3, dtype=bool), undecided=None,
         )  # fmt: skip
-        every = np.arange(100), 0.3, 0.01, 100.0, 0.0, 400.0, 0.001, np.full(100, 0.01)
+        every = np.arange(100)[rows], 0.3, 0.01, 100.0, 0.0, 400.0, 0.001, np.full(100, 0.01)
         patch = PatchChange(*every)
         return Compared((), None, points, surface, {}, (patch,)).cover
 
@@ -135,6 +147,13 @@ class TestCover:
     def test_marks_at_the_rim_of_a_bowl_do_not(self):
         """Where they are the surface does not change either."""
         assert self.found(lambda station: -0.3 * (station > 100.0) - 1e-3, held=False) is None
+
+    def test_marks_beside_a_patch_say_so_where_the_surface_changes_at_all_of_them(self):
+        far = slice(50, None)
+        assert self.found(lambda station: np.full(len(station), -0.3), True, far).points == 3
+        assert self.found(lambda station: -0.3 * (station > 100.0) - 1e-3, True, far) is None
+        # 0.3 m of a bowl where 0.1 m were mown at all marks.
+        assert self.found(lambda station: -0.2 * (station > 100.0) - 0.1, True, far) is None
 
 
 @pytest.mark.parametrize("seed", [5010, 5024])
@@ -197,6 +216,11 @@ class TestLevel:
         found, _ = self.found((0.4, 0.0))
         np.testing.assert_allclose(found.heights, [0.4, 0.0], atol=0.005)
         assert found.within < 0.015
+
+    def test_a_flood_that_left_rough_ground_was_level_at_the_first_date(self):
+        found, _ = self.found((0.4, self.draw.normal(0.0, 0.05, 150)))
+        assert found.dates == (0,) and found.heights == pytest.approx((0.4,), abs=0.005)
+        assert "at the first date its points share one height" in patch_level(found)
 
     def test_rough_or_sloping_ground_that_falls_is_not(self):
         rough = self.draw.normal(0.0, 0.02, 150)
@@ -262,7 +286,8 @@ def test_what_is_no_ground_is_said_in_the_first_sentence(kind, words):
     first, *more = verdict_sentence(found).split(". ")
     assert found.verdict == "nothing" and first.startswith("No change of the ground is significant")
     assert words in ". ".join(more)
-    assert " ".join(str(found).split()).count(words) == 1
+    # Of its first patch; the rim of it is another one.
+    assert " ".join(str(found).split()).count(" ".join(found.final.apart[0].split())) == 1
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
@@ -292,3 +317,49 @@ def test_a_bowl_is_found_where_effects_of_the_camera_could_shift_all_of_a_date(s
     # A cylinder of 9 m takes the mean, of a bowl whose floor is narrower than that.
     assert 1.25 * true < patch.change < 0.5 * true
     assert compared(dike).verdict == "nothing"
+
+
+class TestAlone:
+    """Five points 10 m apart, known to 10 mm; no patch of the surface moved."""
+
+    def found(self, shift, surveyed=None):
+        xyz = np.column_stack([10.0 * np.arange(5), np.zeros((5, 2))])
+        moved = np.any(np.asarray(shift) != 0.0, axis=1)
+        points = PointChanges(
+            np.array(list("abcde")), xyz, np.array(shift), 1e-4 * np.eye(15), ~moved & False,
+            np.where(moved, 1e-9, 0.5), moved, None, None, undecided=~moved & False,
+        )  # fmt: skip
+        return points.within([], None, surveyed or {})
+
+    still, aside, down = [0.0, 0.0, 0.0], [0.5, 0.2, 0.0], [0.1, 0.0, -0.3]
+
+    def test_a_mark_that_nothing_else_follows_did_not_move_for_sure(self):
+        found = self.found([self.still, self.aside, self.still, self.still, self.still])
+        assert not found.moved.any() and list(np.flatnonzero(found.undecided)) == [1]
+        assert found.alone[1] and not found.stable[1]
+
+    def test_two_with_each_others_name_did_not_either(self):
+        other = [-v for v in self.aside]
+        found = self.found([self.still, self.aside, other, self.still, self.still])
+        assert not found.moved.any() and found.alone.sum() == 2
+
+    def test_two_that_go_the_same_way_did(self):
+        lower = [0.05, -0.03, -0.1]
+        found = self.found([self.still, self.down, lower, self.still, self.still])
+        assert list(np.flatnonzero(found.moved)) == [1, 2] and not found.alone.any()
+
+    def test_one_that_was_surveyed_there_did(self):
+        shifts = [self.still, self.down, self.still, self.still, self.still]
+        assert self.found(shifts, {"b": np.array([0.09, 0.01, -0.29])}).moved[1]
+        assert not self.found(shifts, {"b": np.array([-0.1, 0.0, 0.0])}).moved[1]
+
+
+def test_of_a_mark_alone_it_is_said_that_it_may_be_the_mark():
+    """Measured on another target 0.6 m aside, on level ground; of the surface nothing follows."""
+    first, second = two_dates.pair("mark M3 6 px off", 5002, images=6, count=400)
+    own = second.marks["point"] == "M2"
+    second.marks.loc[own, ["x", "y"]] += [30.0, 10.0]
+    found = corridor.change(first, second, surface=False, camera=False)
+    said = verdict_sentence(found)
+    assert found.verdict == "undecided" and said.startswith("Ground and mark cannot be told apart")
+    assert "same mark" in " ".join(str(found).split())
