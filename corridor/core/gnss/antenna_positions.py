@@ -2,6 +2,7 @@
 
 import os
 import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from corridor.core.gnss.exposures import Exposures
 from corridor.core.gnss.frames import FRAME, convert_within, in_metres, local_frame
 from corridor.core.gnss.interpolation import Interpolated, Interpolation, interpolate
 from corridor.core.gnss.track import Track, check_quality
+from corridor.core.gnss.witnesses import contradicted
 from corridor.core.options import options
 from corridor.core.output import whole_file, whole_files, write_picture
 
@@ -156,13 +158,15 @@ def antenna(
     if exposures.resolution_s:
         made = _with_resolution(made, exposures.resolution_s)
     names = exposures.table["image" if "image" in exposures.table else "number"].astype(str)
+    by_itself = len(made.notes)
+    made = contradicted(made, local, exposures, names.to_numpy(), alignment.delay_s)
     good = (made.table["why"] == "").to_numpy()
     if not good.any():
         why = made.table["why"].value_counts()
-        coarse = f"; {_of_resolution(exposures, made)}" if exposures.resolution_s else ""
+        more = [*made.notes[by_itself:], *_of_resolution(exposures, made)]
         raise WorkFailed(
             f"no position was found for any of the {len(times)} exposures ({why.index[0]}: "
-            f"{why.iloc[0]}){coarse}"
+            f"{why.iloc[0]}){''.join(f'; {one}' for one in more)}"
         )
     points, frame = _in_frame(local, made.table.loc[good, ["x", "y", "z"]], crs, offset, about)
     gnss = pd.DataFrame({"image": names.to_numpy()[good]})
@@ -177,9 +181,7 @@ def antenna(
     notes = (*track.notes, *exposures.notes, *alignment.notes, *made.notes)
     notes += _of_strays(names.to_numpy(), exposures.table, made.table["segment"].to_numpy())
     notes += tuple(filter(None, (exposures.too_near(), exposures.out_of_order())))
-    if exposures.resolution_s:
-        notes += (_of_resolution(exposures, made),)
-    notes += _of_standing(made)
+    notes += (*_of_resolution(exposures, made), *_of_standing(made))
     degrees = crs is not None and known_crs(crs).is_geographic
     return Antenna(gnss, refused, made, local, frame, degrees, tuple(dict.fromkeys(notes)))
 
@@ -254,11 +256,13 @@ def _with_resolution(made: Interpolated, step: float) -> Interpolated:
     return replace(made, table=table)
 
 
-def _of_resolution(exposures: Exposures, made: Interpolated) -> str:
+def _of_resolution(exposures: Exposures, made: Interpolated) -> Iterator[str]:
+    if not exposures.resolution_s:
+        return
     speed = np.nanmedian(np.linalg.norm(made.table[["vx", "vy", "vz"]].to_numpy(), axis=1))
-    step = exposures.resolution_s or 0.0
+    step = exposures.resolution_s
     shift = speed * step / np.sqrt(3)
-    return (
+    yield (
         f"{exposures.source.name} prints times in steps of {1000 * step:.0f} ms: at {speed:.1f} "
         f"m/s {100 * shift:.1f} cm (1 sigma) along the track, which the sigmas include"
     )

@@ -1,5 +1,6 @@
 """Tracks and clocks that are not what they say: each is told, and counts in the sigma."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,46 @@ class TestClocks:
     def test_a_right_clock_is_not_doubted(self):
         assert not any("positions in" in note for note in at_images(flown(), exposed()).notes)
 
+    @pytest.mark.parametrize(("seconds", "means"), [(14.0, "BDT"), (-37.0, "TAI"), (4.0, "BDT")])
+    def test_another_time_system_is_refused_by_its_seconds(self, seconds, means):
+        """BeiDou time is 14 s behind GPS time and 4 s ahead of UTC, TAI 37 s ahead of UTC."""
+        with pytest.raises(InputError, match=f"{abs(seconds):g} s .*means {means}"):
+            at_images(flown(), exposed(late=seconds))
+
+    def test_a_count_of_seconds_that_leaves_metres_is_none(self):
+        found = at_images(flown(), exposed(late=-2.3))
+        assert any(re.search(r"2\.(29|30) \+- 0\.0. s later", note) for note in found.notes)
+        assert not len(found.refused)
+
+    def test_positions_of_the_next_row_are_told(self):
+        images = exposed()
+        images.loc[:, XYZ] = np.roll(images[XYZ].to_numpy(), -1, axis=0)
+        images["time_s"] += np.random.default_rng(2).uniform(-0.3, 0.3, len(images))
+        images.loc[:, XYZ] = np.roll(place(images["time_s"]), -1, axis=0)
+        found = at_images(flown(), images)
+        assert any("1 row above 0.0" in note for note in found.notes)
+
+    def test_another_place_is_refused(self):
+        images = exposed()
+        images["x"] += 2000.0
+        with pytest.raises(InputError, match="2 km from rover.pos: one of the two is of another"):
+            at_images(flown(), images)
+
+    @pytest.mark.parametrize("step", [0.5, 0.1, 0.01])
+    def test_a_step_of_times_is_seen(self, step):
+        rng = np.random.default_rng(6)
+        time = np.cumsum(1.7 + 0.03 * rng.standard_normal(200))
+        time = np.round(time / step) * step + 0.123
+        table = pd.DataFrame({"image": np.arange(200).astype(str), "time_s": time})
+        seen = Exposures(table, None, None, None, Path("images.csv")).with_seen_step()
+        assert seen.resolution_s == step
+
+    def test_even_firing_is_no_step(self):
+        time = np.delete(0.7 * np.arange(100), [20, 50, 51])
+        table = pd.DataFrame({"image": np.arange(97).astype(str), "time_s": time})
+        seen = Exposures(table, None, None, None, Path("images.csv")).with_seen_step()
+        assert seen.resolution_s is None
+
     def test_whole_seconds_are_in_the_sigma(self):
         images = exposed()
         with pytest.raises(WorkFailed, match="steps of 1000 ms"):
@@ -73,6 +114,49 @@ class TestClocks:
         track[XYZ] = track[XYZ].to_numpy() - place(track["time_s"])
         found = at_images(track, exposed().drop(columns=[*XYZ, *SXYZ]))
         assert any("stands still" in note for note in found.notes)
+
+
+class TestOwnPositions:
+    """What on-board positions of centimetres say of each image."""
+
+    def test_a_clock_that_drifts_is_told_and_its_images_refused(self):
+        images = exposed()
+        images["time_s"] += 0.003 * (images["time_s"] - 50)
+        found = at_images(flown(), images)
+        assert any("clock of the images drift, by 3 ms a second" in note for note in found.notes)
+        assert {"i0.jpg", "i37.jpg"} <= set(found.refused["image"])
+
+    def test_a_clock_that_jumps_is_told_with_its_image(self):
+        images = exposed()
+        images.loc[27:, "time_s"] += 0.7
+        found = at_images(flown(), images)
+        assert any("jump, by 0.70 s from i27.jpg on" in note for note in found.notes)
+        assert list(found.refused["image"]) == [f"i{n}.jpg" for n in range(27, len(images))]
+
+    def test_epochs_that_are_false_for_half_a_minute_refuse_their_images(self):
+        track = flown()
+        track.loc[track["time_s"].between(40, 60), XYZ] += [0.2, -0.2, 0.3]
+        found = at_images(track, exposed())
+        time = exposed()["time_s"].to_numpy()[[int(i[1:-4]) for i in found.refused["image"]]]
+        assert len(time) == 9 and ((time > 40) & (time < 60)).all()
+
+    @pytest.mark.parametrize("shift", [(0.8, -0.6, 0.4), (40.0, 0.0, 0.0)])
+    def test_what_all_have_in_common_refuses_none(self, shift):
+        images = exposed()
+        images[XYZ] += np.array(shift)
+        assert not len(at_images(flown(), images).refused)
+
+    def test_positions_without_sigmas_tell_a_clock_and_refuse_none(self):
+        images = exposed(sigma=0.05).drop(columns=SXYZ)
+        images["time_s"] += 0.005 * (images["time_s"] - 50)
+        found = at_images(flown(), images)
+        assert any("clock of the images drift" in note for note in found.notes)
+        assert not len(found.refused)
+
+    def test_an_on_board_solution_that_is_no_fix_contradicts_nothing(self):
+        images = exposed().assign(flag=pd.array([34] * 39, dtype="Int64"))
+        images.loc[20:, XYZ] += [0.5, 0.5, 0.5]
+        assert not len(at_images(flown(), images).refused)
 
 
 class TestEpochs:
