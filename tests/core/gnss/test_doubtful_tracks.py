@@ -170,6 +170,61 @@ class TestEpochs:
         off = (found[XYZ].to_numpy() - place(at)) / found[SXYZ].to_numpy()
         assert np.abs(off).max() < 5
 
+    @pytest.mark.parametrize("many", [2, 3])
+    def test_epochs_that_are_false_together_are_left_out(self, many):
+        track = flown(10.0, seconds=40.0, seed=7)
+        track.loc[150 : 149 + many, XYZ] += [0.25, -0.2, 0.3]
+        at = np.array([14.95, 15.05, 15.25])
+        found = interpolate(track, at)
+        off = (found.table[XYZ].to_numpy() - place(at)) / found.table[SXYZ].to_numpy()
+        assert np.abs(off).max() < 5
+        assert any(f"{many} epochs stand" in note and "0.4" in note for note in found.notes)
+
+    @pytest.mark.parametrize("by", [(0.3, 0.2, -0.3), (0.0, 0.0, -28.0)])
+    def test_a_jump_is_told_and_nothing_is_interpolated_across_it(self, by):
+        track = flown(10.0, seconds=40.0, seed=8)
+        track.loc[200:, XYZ] += np.array(by)
+        found = interpolate(track, np.array([19.5, 19.97, 21.0]))
+        assert found.table["why"].tolist() == ["", "in a gap of the track", ""]
+        assert any("jumps by" in note and "at 20.000 s" in note for note in found.notes)
+
+    def test_two_receivers_in_one_file_are_refused(self):
+        track = flown()
+        track.loc[::2, "x"] += 0.5
+        with pytest.raises(InputError, match="every second epoch lies 0.50 m beside the others"):
+            interpolate(track, np.array([20.0]))
+
+    def test_variances_in_place_of_sigmas_are_not_used(self):
+        track = flown()
+        track[SXYZ] = SIGMA**2
+        found = interpolate(track, np.array([20.0]))
+        assert any("are they variances" in note for note in found.notes)
+        assert found.table["sx"].iloc[0] > 0.002
+
+    def test_sigmas_in_another_unit_are_named_where_all_is_refused(self):
+        track = flown()
+        track[SXYZ] = 1000 * SIGMA
+        with pytest.raises(WorkFailed, match="sigmas in centimetres or millimetres"):
+            at_images(track, exposed().drop(columns=[*XYZ, *SXYZ]))
+
+    @pytest.mark.parametrize(("step", "shown"), [(0.1, "10 cm"), (1.0, "1e\\+02 cm")])
+    def test_what_the_last_digit_is_worth_is_in_the_sigma(self, step, shown):
+        track = flown().round(dict.fromkeys("xyz", 0 if step == 1 else 1))
+        told = f"prints positions in steps of {shown}, which is in the sigmas"
+        try:
+            found = at_images(track, exposed().drop(columns=[*XYZ, *SXYZ]))
+        except WorkFailed as error:
+            assert step == 1 and re.search(told, str(error))
+        else:
+            assert any(re.search(told, note) for note in found.notes)
+            assert found.gnss["sx"].min() > 0.005
+
+    def test_degrees_in_a_table_of_metres_are_refused(self):
+        track = flown()
+        track[["x", "y"]] = track[["x", "y"]] * 1e-5 + [8.5, 49.0]
+        with pytest.raises(InputError, match="longitude and latitude in degrees"):
+            at_images(track, exposed().drop(columns=[*XYZ, *SXYZ]))
+
     @pytest.mark.parametrize("degrees", [30.0, 60.0, 90.0, 170.0])
     @pytest.mark.parametrize("speed", [1.0, 3.0])
     def test_a_corner_is_no_false_epoch(self, degrees, speed):
