@@ -268,6 +268,22 @@ class TestEpochs:
         assert np.sqrt(np.mean(off**2)) < 1.3
         assert any("cannot show motion above 0.5 Hz" in note for note in found.notes)
 
+    def test_motion_that_a_smoother_takes_for_noise_is_in_the_sigma(self):
+        """A height shaken by 2 cm, flat up to 2 Hz, beside noise of 2 cm: neither is told by its
+        size, but noise does not hang together from epoch to epoch."""
+        rng, fine = np.random.default_rng(0), np.arange(0, 60, 0.02)
+        spectrum = np.fft.rfft(rng.standard_normal(len(fine)))
+        spectrum[np.fft.rfftfreq(len(fine), 0.02) > 2.0] = 0
+        shaken = np.fft.irfft(spectrum, len(fine))
+        shaken *= 0.02 / shaken.std()
+        track = flown(10.0, seconds=60.0)
+        track["z"] += shaken[::5] + 0.013 * rng.standard_normal(len(track))
+        track["sz"] = 0.02
+        at = np.arange(2.0, 58.0, 0.37)
+        found = interpolate(track, at).table
+        off = found["z"] - 50 - np.interp(at, fine, shaken)
+        assert np.sqrt(np.mean((off / found["sz"]) ** 2)) < 1.5  # 3 without
+
     @pytest.mark.parametrize(("quality", "name"), [(2, "float"), (5, "single")])
     def test_epochs_that_are_no_fixes_are_not_used_as_fixes(self, quality, name):
         track = flown().assign(quality=1)

@@ -414,6 +414,24 @@ def _shaken(epochs: regimes.Epochs, sigma: np.ndarray, model: regimes.Model) -> 
     return out
 
 
+def _left_over(epochs: regimes.Epochs, residual: np.ndarray, model: regimes.Model) -> np.ndarray:
+    """Standard deviation (3,), m, of motion in the residuals (n, 3) of usual epochs: as they hang
+    together, or are larger than the noise of a receiver that is believed."""
+    out, usual = np.zeros(3), (epochs.excess == 0).all(axis=1)
+    for _, axes in regimes.GROUPS:
+        if usual.sum() < regimes.FEWEST_EPOCHS:
+            continue
+        mine = residual[usual][:, axes]
+        noise = model.axes[axes[0]].scale * np.median(epochs.usual[:, axes])
+        more = float(robust_scale(mine)) ** 2 - noise**2 * (
+            1 + roughness.CHANCE / np.sqrt(mine.size)
+        )
+        more = more if model.interval_s < regimes.SLOW_S else 0.0
+        left = roughness.left_over(epochs.time[usual], mine)
+        out[list(axes)] = max(left, np.sqrt(max(more, 0.0)))
+    return out
+
+
 def _between_epochs(time: np.ndarray, at: np.ndarray) -> np.ndarray:
     """How far times (n,) are from epochs (m,), as the standard deviation of what happens between:
     1 in the middle, 0 at an epoch, which measures where the drone is (a Brownian bridge)."""
@@ -427,7 +445,17 @@ def _smoothed(epochs, at, count, slow_share):
     usual, excess = regimes.split(epochs.sigma, epochs.time)
     epochs = epochs._replace(position=epochs.position - origin, usual=usual, excess=excess)
     model = regimes.fit(epochs, slow_share)
-    position, sigma, velocity, v_sigma = smoother.smooth(epochs, at, model)
+    # Some of the epochs themselves, to see what is left of them.
+    n = len(epochs.time)
+    some = slice(max((n - _CURVE) // 2, 0), (n + _CURVE) // 2)
+    smoothed = smoother.smooth(epochs, np.concatenate([at, epochs.time[some]]), model)
+    residual = epochs.position[some] - smoothed[0][len(at) :]
+    left = _left_over(epochs.at(some), residual, model)
+    position, sigma, velocity, v_sigma = (part[: len(at)] for part in smoothed)
+    if left.any():
+        model = model._replace(unresolved=np.hypot(model.unresolved, left))
+        sigma = np.hypot(sigma, left)
+        v_sigma = np.hypot(v_sigma, left * np.pi / model.interval_s / np.sqrt(3))
     shaken = np.zeros(3) if epochs.velocity is not None else _shaken(epochs, sigma[count:], model)
     if shaken.any():
         model = model._replace(unresolved=np.hypot(model.unresolved, shaken))
