@@ -28,9 +28,8 @@ _JERK, _OF_JERK = 10.0, 0.625
 _RUN, _BESIDE, _BETTER = 4, 6, 0.3
 # Of a zigzag, what is left at two steps; a sigma where none is stated, m.
 _GONE, _UNSTATED_M = 0.5, 0.02
-# Moments about the middle of the interval, in intervals: of two false epochs the parabola behind
-# them leads back to the epoch before.
-_TRIED = np.linspace(-0.25, 0.25, 7)
+# Moments about the middle of the interval, in intervals.
+_TRIED = np.linspace(-0.5, 0.5, 11)
 
 
 class Jump(NamedTuple):
