@@ -453,7 +453,6 @@ def _smoothed(epochs, at, count, slow_share):
     left = _left_over(epochs.at(some), residual, model)
     position, sigma, velocity, v_sigma = (part[: len(at)] for part in smoothed)
     if left.any():
-        model = model._replace(unresolved=np.hypot(model.unresolved, left))
         sigma = np.hypot(sigma, left)
         v_sigma = np.hypot(v_sigma, left * np.pi / model.interval_s / np.sqrt(3))
     shaken = np.zeros(3) if epochs.velocity is not None else _shaken(epochs, sigma[count:], model)
