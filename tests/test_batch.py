@@ -328,3 +328,13 @@ def test_a_dask_cluster_whose_worker_is_killed_gives_the_same_numbers(blocks, tm
     assert not list(out.glob("rows/*.begun")) and not list(out.glob("blocks/.*"))
     for name in ("km_0", "km_5"):
         assert contents(out / "blocks" / name) == alone(here / name, tmp_path / name)
+
+
+def test_folders_without_a_block_are_refused(tmp_path):
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "picture.jpg").touch()
+    for given, more in (([tmp_path], ""), ([tmp_path / "one", tmp_path / "two"], " nor do 1 more")):
+        with pytest.raises(corridor.InputError, match=f"holds no block{more}: .* block.toml"):
+            corridor.batch("adjust", given, tmp_path / "out")
+    assert not (tmp_path / "out").exists()

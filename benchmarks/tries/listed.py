@@ -380,4 +380,29 @@ TRIES = (
     ),
     Try("313", "import auto {w}/own -o {o}/b --crs EPSG:31467", 0, "de_adv_BETA2007"),
     Try("314", "import auto {w}/utm -o {o}/b --to-crs EPSG:25832+5783", 2, "no way between"),
+    Try("315", _GNSS % ("bdt_as_gps.pos", "flight.MRK"), 2, "14 s & states GPS time and means BDT"),
+    Try("316", _GNSS % ("glonass.pos", "flight.MRK"), 2, "'GLONASST' is not known"),
+    Try("317", _GNSS % ("two.pos", "flight.MRK"), 2, "every second epoch lies 0.50 m"),
+    Try(
+        "318",
+        _GNSS % ("jump.pos", "flight.MRK"),
+        0,
+        "the track jumps by 0.8|the track jumps by 0.9",
+    ),
+    Try("319", _GNSS % ("digits.pos", "flight.MRK"), 1, "write more digits"),
+    Try("320", _GNSS % ("centimetres.pos", "flight.MRK"), 1, "in centimetres or millimetres"),
+    Try("321", _GNSS % ("west.pos", "flight.MRK"), 2, "of another place"),
+    Try(
+        "322", _GNSS % ("rover.pos", "drift.MRK"), 0, "clock of the images drift, by 1. ms a second"
+    ),
+    Try("323", _GNSS % ("rover.pos", "jumped.MRK"), 0, "clock of the images jump, by 0.[67]"),
+    Try(
+        "324",
+        _GNSS % ("rover.pos", "milliseconds.csv --images-system GPST"),
+        2,
+        "its times in milliseconds",
+    ),
+    Try("325", "gnss {w}/gnss/degrees.csv --images {w}/own -o {o}/g.csv", 2, "degrees"),
+    Try("326", "batch adjust {w}/gnss -o {o}/b", 2, "holds no block"),
+    Try("327", "simulate {w}/my.toml --effect focal:f=-976 -o {o}/b", 2, "give the difference"),
 )

@@ -539,9 +539,12 @@ def _tracks(home: Path, block: Block, grid: Block) -> None:
     time = np.arange(at[0] - 10, at[-1] + 10, 0.2)
     place = np.column_stack([np.interp(time, at, axis) for axis in centre.T])
     place += SIGMA * rng.standard_normal(place.shape)
-    geographic = PLACE.to_geographic(place)
 
-    def pos(name, shift=0.0, system="GPST", quality=None, week=False, drop=None, head=True):
+    def pos(
+        name, shift=0.0, system="GPST", quality=None, week=False, drop=None, head=True, by=0.0,
+        digits=9, sigma="0.0080   0.0070   0.0150",
+    ):  # fmt: skip
+        there = PLACE.to_geographic(place + by)
         q = np.ones(len(time), int) if quality is None else quality
         lines = [
             "% program   : RTKPOST ver.demo5 b34k",
@@ -552,12 +555,12 @@ def _tracks(home: Path, block: Block, grid: Block) -> None:
             "sde(m)   sdu(m)  sdne(m)  sdeu(m)  sdun(m) age(s)  ratio",
         ]
         lines = lines if head else []
-        for k, (t, (lon, lat, h)) in enumerate(zip(time + shift, geographic, strict=True)):
+        for k, (t, (lon, lat, h)) in enumerate(zip(time + shift, there, strict=True)):
             if drop is not None and drop[k]:
                 continue
             when = f"{WEEK} {t:.3f}" if week else _stamp(t)
             lines.append(
-                f"{when}   {lat:.9f}   {lon:.9f}   {h:.4f}   {q[k]}  18   0.0080   0.0070   0.0150"
+                f"{when}   {lat:.{digits}f}   {lon:.{digits}f}   {h:.4f}   {q[k]}  18   {sigma}"
                 "   0.0010   0.0010  -0.0010   0.00   99.9"
             )
         _text(folder / name, *lines)
@@ -579,6 +582,15 @@ def _tracks(home: Path, block: Block, grid: Block) -> None:
     pos("gap.pos", drop=np.abs(time - middle) < 12)
     pos("week_early.pos", -7 * 86400.0)
     pos("next_day.pos", 86400.0)
+    pos("bdt_as_gps.pos", -14.0)
+    pos("glonass.pos", 3 * 3600.0 - LEAP_S, "GLONASST")
+    pos("two.pos", by=np.outer(np.arange(len(time)) % 2, [0.5, 0.0, 0.0]))
+    pos("jump.pos", by=np.outer(time > middle, [0.5, 0.4, 0.6]))
+    pos("digits.pos", digits=5)
+    pos("centimetres.pos", sigma="0.8000   0.7000   1.5000")
+    west = rover.replace("   8.5", "   -8.5")
+    assert west != rover
+    _text(folder / "west.pos", west.rstrip())
     pos("jst.pos", 9 * 3600.0 - LEAP_S, "JST")
     lines = (folder / "rover.pos").read_text(encoding="utf-8").splitlines()
     events = [
@@ -607,6 +619,14 @@ def _tracks(home: Path, block: Block, grid: Block) -> None:
     table += [f"{t:.3f},{x:.4f},{y:.4f},{z:.4f},1" for t, (x, y, z) in zip(time, utm, strict=True)]
     _text(folder / "utm.csv", *table)
     block.images.to_csv(folder / "images.csv", index=False)
+    thousand = block.images[["image"]].assign(time_s=1000.0 * (at % 86400.0))
+    thousand.to_csv(folder / "milliseconds.csv", index=False)
+    degrees = PLACE.to_geographic(place)
+    table = [
+        "time_s,x,y,z",
+        *(f"{t:.3f},{x:.9f},{y:.9f},{z:.3f}" for t, (x, y, z) in zip(time, degrees, strict=True)),
+    ]
+    _text(folder / "degrees.csv", *table)
 
     def marks(name, week=WEEK, flag=50, skip=(), bom=False, shift=0.0):
         rows = []
@@ -614,7 +634,7 @@ def _tracks(home: Path, block: Block, grid: Block) -> None:
             if k + 1 in skip:
                 continue
             rows.append(
-                f"{k + 1}\t{t + shift:.6f}\t[{week}]\t   0,N\t   0,E\t   0,V\t{lat:.9f},Lat"
+                f"{k + 1}\t{t + np.broadcast_to(shift, len(at))[k]:.6f}\t[{week}]\t   0,N\t   0,E\t   0,V\t{lat:.9f},Lat"
                 f"\t{lon:.9f},Lon"
                 f"\t{h:.4f},Ellh\t0.012010, 0.011500, 0.025000\t{flag},Q"
             )
@@ -624,6 +644,8 @@ def _tracks(home: Path, block: Block, grid: Block) -> None:
     marks("rollover.MRK", week=WEEK - 1024)
     marks("week_before.MRK", week=WEEK - 1)
     marks("no_fix.MRK", flag=16)
+    marks("drift.MRK", shift=0.01 * (at - at.mean()))
+    marks("jumped.MRK", shift=0.7 * (np.arange(len(at)) > 18))
     marks("bom.MRK", bom=True)
     marks("one_less.MRK", skip=(7,))
     shutil.copytree(home / "own", home / "own_gnss", dirs_exist_ok=True)

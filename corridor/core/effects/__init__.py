@@ -18,7 +18,7 @@ from corridor.core.effects.contract import (
     edge_of,
     of_interior,
 )
-from corridor.core.effects.correction import correct, refuse_milliseconds
+from corridor.core.effects.correction import correct, refuse_impossible
 from corridor.core.effects.forward import Prediction, add, predict, stated_lever_arms, take_out
 from corridor.core.effects.moments import AtMoments
 from corridor.core.effects.registry import (

@@ -47,7 +47,7 @@ def correct(
             (given[slug],) = Values.read(source, block, [slug]).values()
     block, found = _with_motion(block, given, velocity, turning)
     stated = Values.of(block, {name: mine or None for name, mine in given.items()})
-    refuse_milliseconds(block, given, stated)
+    refuse_impossible(block, given, stated)
     out = block.copy()
     record_correction(out, stated.plain(), [*found, *notes])
     remedy = "run `corridor adjust` first and correct OUT/block"
@@ -62,15 +62,22 @@ def correct(
     return take_out(out, given)
 
 
-def refuse_milliseconds(block: Block, given: Mapping, stated: Values) -> None:
-    """Refuse times that are plainly milliseconds: a hundred times what an effect may be."""
+def refuse_impossible(block: Block, given: Mapping, stated: Values) -> None:
+    """Refuse times that are plainly milliseconds, a hundred times what an effect may be, and what
+    moves a camera's interior by its whole focal length."""
+    shortest = min(camera["f"] for camera in block.cameras.values())
     for slug, one in stated.items():
         plain = given[slug] if isinstance(given.get(slug), Mapping) else {}
         for parameter in one.effect.parameters(block):
             value = plain.get(parameter.name)
-            if parameter.unit != "s" or not isinstance(value, int | float):
+            if not isinstance(value, int | float):
                 continue
-            if abs(value) > _MILLISECONDS * parameter.scale:
+            if one.effect.place == "camera" and parameter.unit == "px" and abs(value) >= shortest:
+                raise InputError(
+                    f"{slug}: {parameter.name} = {value:g} px is added to what the camera states, "
+                    f"whose focal length is {shortest:g} px: give the difference"
+                )
+            if parameter.unit == "s" and abs(value) > _MILLISECONDS * parameter.scale:
                 raise InputError(
                     f"{slug}: {parameter.name} = {value:g} is in seconds, and far longer than it "
                     f"can be: {value:g} ms are {value / 1000:g}"

@@ -2,6 +2,7 @@
 
 import os
 import tomllib
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,17 +12,22 @@ import pandas as pd
 from corridor.core.block import RHO, Block, correlations, covariances
 from corridor.core.brief import brief
 from corridor.core.errors import InputError, WorkFailed
+from corridor.core.geometry import robust_scale
 from corridor.core.gnss.alignment import align
 from corridor.core.gnss.coordinates import Local, known_crs, to_local
 from corridor.core.gnss.exposures import Exposures
 from corridor.core.gnss.frames import FRAME, convert_within, in_metres, local_frame
 from corridor.core.gnss.interpolation import Interpolated, Interpolation, interpolate
-from corridor.core.gnss.track import Track, check_quality
+from corridor.core.gnss.track import GEOCENTRIC, GEOGRAPHIC, Track, check_quality
+from corridor.core.gnss.witnesses import contradicted
 from corridor.core.options import options
 from corridor.core.output import whole_file, whole_files, write_picture
 
 _COLUMNS = ["image", "x", "y", "z", "sx", "sy", "sz"]
 _SETTINGS = "block.toml"
+# Third differences of positions in metres scatter by more than this; of the last digit, what the
+# arithmetic of a float leaves.
+_NO_METRES, _ON_STEP = 2e-5, 1e-3
 _LEAST_OF_FLIGHT = 3  # images, for one of them to stand out
 # A drone that takes photographs for so long and moves by less is not on a survey.
 _STOOD_S, _STOOD_M = 20.0, 1.0
@@ -143,8 +149,9 @@ def antenna(
     """
     check_quality(track)
     exposures = exposures.with_seen_step()
+    _check_metres(track)
     alignment = align(track, exposures, track_system, exposures_system)
-    local = to_local(track)
+    local, coarse = _with_seen_digits(track)
     times = exposures.table["time_s"].to_numpy(dtype=float) + alignment.offset_s
     flight = None
     if "flight" in exposures.table and "flight" in track.table:
@@ -156,13 +163,15 @@ def antenna(
     if exposures.resolution_s:
         made = _with_resolution(made, exposures.resolution_s)
     names = exposures.table["image" if "image" in exposures.table else "number"].astype(str)
+    made = contradicted(made, local, exposures, names.to_numpy(), alignment.delay_s)
     good = (made.table["why"] == "").to_numpy()
     if not good.any():
         why = made.table["why"].value_counts()
-        coarse = f"; {_of_resolution(exposures, made)}" if exposures.resolution_s else ""
+        more = [note for note in (*coarse, *made.notes) if not note.startswith("segment")]
+        more += _of_resolution(exposures, made)
         raise WorkFailed(
             f"no position was found for any of the {len(times)} exposures ({why.index[0]}: "
-            f"{why.iloc[0]}){coarse}"
+            f"{why.iloc[0]}){''.join(f'; {one}' for one in more)}"
         )
     points, frame = _in_frame(local, made.table.loc[good, ["x", "y", "z"]], crs, offset, about)
     gnss = pd.DataFrame({"image": names.to_numpy()[good]})
@@ -174,14 +183,57 @@ def antenna(
             gnss[list(RHO)] = made.table.loc[good, list(RHO)].to_numpy()
     refused = made.table.loc[~good, ["time_s", "why"]].reset_index(drop=True)
     refused.insert(0, "image", names.to_numpy()[~good])
-    notes = (*track.notes, *exposures.notes, *alignment.notes, *made.notes)
+    notes = (*track.notes, *coarse, *exposures.notes, *alignment.notes, *made.notes)
     notes += _of_strays(names.to_numpy(), exposures.table, made.table["segment"].to_numpy())
     notes += tuple(filter(None, (exposures.too_near(), exposures.out_of_order())))
-    if exposures.resolution_s:
-        notes += (_of_resolution(exposures, made),)
-    notes += _of_standing(made)
+    notes += (*_of_resolution(exposures, made), *_of_standing(made))
     degrees = crs is not None and known_crs(crs).is_geographic
     return Antenna(gnss, refused, made, local, frame, degrees, tuple(dict.fromkeys(notes)))
+
+
+def _check_metres(track: Track) -> None:
+    """Raises InputError where x and y of a track without a system are degrees."""
+    plan = track.table[["x", "y"]].to_numpy(float)
+    if track.crs is not None or track.origin is not None or len(plan) < _LEAST_OF_FLIGHT + 3:
+        return
+    scatter = robust_scale(np.diff(plan, 3, axis=0))
+    if (np.abs(plan) <= [180, 90]).all() and 0 < scatter < _NO_METRES and np.ptp(plan) > 0:
+        raise InputError(
+            f"{track.source.name}: x and y look like longitude and latitude in degrees; convert "
+            "them to metres, or give the receiver's own file"
+        )
+
+
+def _with_seen_digits(track: Track) -> tuple[Track, tuple[str, ...]]:
+    """The track in local metres; what its last digit is worth is in its sigmas, and is told."""
+    local = to_local(track)
+    if not set(_COLUMNS[4:]) <= set(local.table):
+        return local, ()
+    step = np.array([_digit(track.table[axis].to_numpy(float)) for axis in "xyz"])
+    if track.crs == GEOGRAPHIC:
+        step[:2] *= 111_195.0  # metres of a degree
+        step[0] *= np.cos(np.radians(np.median(track.table["y"])))
+    rounding, sigma = step / np.sqrt(12), local.table[_COLUMNS[4:]].to_numpy()
+    usual = np.median(sigma, axis=0)
+    if track.crs == GEOCENTRIC or not (rounding > 0.5 * usual)[usual > 0].any():
+        return local, ()
+    note = (
+        f"{track.source.name} prints positions in steps of {100 * step.max():.2g} cm, which is in "
+        "the sigmas: write more digits"
+    )
+    table = local.table.copy()
+    table[_COLUMNS[4:]] = np.hypot(sigma, rounding)
+    return replace(local, table=table), (note,)
+
+
+def _digit(values: np.ndarray) -> float:
+    """The largest decimal step from 1 down to 1e-7 whose multiples all values are; else 0."""
+    for step in 10.0 ** -np.arange(8):
+        counts = np.round(values / step)
+        if np.ptp(counts) > 1 and np.abs(values / step - counts).max() < _ON_STEP:
+            # Of what was computed with round numbers nothing was rounded.
+            return float(step) if np.diff(counts, 3).any() else 0.0
+    return 0.0
 
 
 def _of_strays(names: np.ndarray, exposures: pd.DataFrame, segment: np.ndarray) -> tuple:
@@ -201,7 +253,7 @@ def _of_strays(names: np.ndarray, exposures: pd.DataFrame, segment: np.ndarray) 
 def _of_standing(made: Interpolated) -> tuple:
     """A sentence where the antenna stood still at all exposures, which lasted long."""
     good = made.good
-    span = np.ptp(good[["x", "y", "z"]].to_numpy(), axis=0)
+    span = np.ptp(good[["x", "y"]].to_numpy(), axis=0)
     lasted = float(np.ptp(good["time_s"]))
     if len(good) < _LEAST_OF_FLIGHT or lasted < _STOOD_S or span.max() > _STOOD_M:
         return ()
@@ -254,11 +306,13 @@ def _with_resolution(made: Interpolated, step: float) -> Interpolated:
     return replace(made, table=table)
 
 
-def _of_resolution(exposures: Exposures, made: Interpolated) -> str:
+def _of_resolution(exposures: Exposures, made: Interpolated) -> Iterator[str]:
+    if not exposures.resolution_s:
+        return
     speed = np.nanmedian(np.linalg.norm(made.table[["vx", "vy", "vz"]].to_numpy(), axis=1))
-    step = exposures.resolution_s or 0.0
+    step = exposures.resolution_s
     shift = speed * step / np.sqrt(3)
-    return (
+    yield (
         f"{exposures.source.name} prints times in steps of {1000 * step:.0f} ms: at {speed:.1f} "
         f"m/s {100 * shift:.1f} cm (1 sigma) along the track, which the sigmas include"
     )

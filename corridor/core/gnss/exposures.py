@@ -14,6 +14,9 @@ from corridor.core.gnss.pairing import paired
 
 # Share of the usual interval that no camera undercuts; of the rows of which that is a slip.
 _NEAR, _FEW = 0.01, 0.02
+# Steps that programs round times to, s; a finer one is below what a receiver's noise hides. Of the
+# step, what a time may be beside it: seconds since 1970 have 2e-7 s of a float.
+_STEPS_S, _ON_STEP = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005), 1e-3
 # A camera that is triggered exposes, and writes its time, within this, s.
 _JITTER_S = 0.25
 # Share of the exposures of which the photographs may be deleted: more is another folder.
@@ -47,19 +50,24 @@ class Exposures:
     counted: bool = False
 
     def with_seen_step(self) -> "Exposures":
-        """With a step of 1 s where the times are whole seconds that nobody fired at.
+        """With the coarsest step whose multiples the times are, where nobody fired at it.
 
-        A camera that fires at whole seconds does so evenly, or with gaps; rounded times are now
-        and then a second farther apart. (So are those of a camera that fires each second where
-        photographs are lost: its sigmas come out too large, and it is told why.)
+        A camera that fires at whole seconds, or tenths, does so evenly, or with gaps; rounded times
+        are now and then a step farther apart. (So are those of a camera that fires each second
+        where photographs are lost: its sigmas come out too large, and it is told why.)
         """
         time = np.sort(self.table["time_s"].dropna().to_numpy(float))
-        if self.resolution_s is not None or (time % 1.0).any():
+        if self.resolution_s is not None or len(time) < 2:
             return self
-        step, times = np.unique(np.diff(time), return_counts=True)
-        often = set(step[(times > 1) & (step > 0)])
-        rounded = any(one + 1.0 in often for one in often)
-        return replace(self, resolution_s=1.0) if rounded else self
+        for step in _STEPS_S:
+            counts = (time - time[0]) / step
+            if np.abs(counts - np.round(counts)).max() > _ON_STEP:
+                continue
+            apart, times = np.unique(np.diff(np.round(counts)), return_counts=True)
+            often = set(apart[(times > 1) & (apart > 0)])
+            rounded = any(one + 1.0 in often for one in often)
+            return replace(self, resolution_s=step) if rounded else self
+        return self
 
     def too_near(self) -> str | None:
         """A sentence where two exposures are nearer in time than any camera can take them.

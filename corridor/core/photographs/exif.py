@@ -61,7 +61,7 @@ def facts_of(picture: Image.Image) -> tuple[dict[str, Any], bytes | None, bytes 
     }
     if ambient is not None and -60 < ambient < 80:
         facts |= {"temperature_c": ambient, "temperature_of": "AmbientTemperature"}
-    lat, lon = _degrees(gps.get(2), gps.get(1), "S"), _degrees(gps.get(4), gps.get(3), "W")
+    lat, lon = _degrees(gps.get(2), gps.get(1), "NS"), _degrees(gps.get(4), gps.get(3), "EW")
     if lat is not None and lon is not None:
         facts |= {"lat_deg": lat, "lon_deg": lon}
     note = inner.get(37500)
@@ -85,6 +85,7 @@ def _taken(moment: str, decimals: str, zone: str) -> Taken | None:
 
 def _text(value) -> str:
     # Text ends at the first zero; what some cameras leave behind it is none.
+    value = value.decode("latin-1") if isinstance(value, bytes) else value
     return str(value or "").partition("\0")[0].strip()
 
 
@@ -101,11 +102,14 @@ def _positive(value) -> float | None:
     return number if number is not None and number > 0 else None
 
 
-def _degrees(value, reference, negative) -> float | None:
+def _degrees(value, reference, sides) -> float | None:
+    """Signed degrees; None also where nobody says on which side of the equator or of Greenwich:
+    a survey in the other hemisphere would be mirrored."""
     try:
         d, m, s = (float(part) for part in value)
     except (TypeError, ValueError, ZeroDivisionError):
         return None
     angle = d + m / 60 + s / 3600
-    sign = -1.0 if _text(reference).upper().startswith(negative) else 1.0
-    return sign * angle if np.isfinite(angle) else None
+    side = _text(reference).upper()[:1]
+    known = side in tuple(sides) or angle < 0
+    return (-angle if side == sides[1] else angle) if np.isfinite(angle) and known else None

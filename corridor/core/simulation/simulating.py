@@ -115,7 +115,7 @@ def simulate(
 
     perfect = perfect_block(plan, seed, progress)
     block = perfect
-    catalogue.refuse_milliseconds(block, added, catalogue.Values.of(block, added))
+    catalogue.refuse_impossible(block, added, catalogue.Values.of(block, added))
     if added:
         say("adding effects", 0.0, 1.0)
         block = catalogue.add(block, added)

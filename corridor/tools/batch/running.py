@@ -161,6 +161,13 @@ def _named(blocks: str | os.PathLike | Iterable[str | os.PathLike]) -> dict[str,
     folders = list(dict.fromkeys(Path(os.path.normpath(folder)) for folder in folders))
     if not folders:
         raise InputError("no block is named: give the folders of one or more")
+    if not any(map(is_block, folders)):
+        more = f" nor do {len(folders) - 1} more" if len(folders) > 1 else ""
+        raise InputError(
+            f"{folders[0]} holds no block{more}: there is no block.toml in it, nor in the folders "
+            "in it. Give the folder of a block, or one that holds blocks; `corridor import` makes "
+            "blocks of projects"
+        )
     for count in range(1, max(len(folder.parts) for folder in folders) + 1):
         names = ["-".join(folder.parts[1:][-count:]) for folder in folders]
         # Some disks take two names that differ in capitals for one.

@@ -44,7 +44,9 @@ _NEIGHBOURS, _ALL, _SEQUENCE = 16, 60, 12
 _BATCH_PAIRS = 20
 # A focal length further from the stated one than this is of a model that bends, or of a wrong
 # statement: the stated one is held unless the other fits so much better.
-_FOCAL_RANGE, _FITS_BETTER = 0.10, 0.7
+# Where it fits better by less, it contradicts: residuals of thousands of points are known to a
+# per cent.
+_FOCAL_RANGE, _FITS_BETTER, _FITS_LITTLE, _FREED = 0.10, 0.7, 0.97, "freed.json"
 # A model of less than this share of the photographs is refused, of less than this kept to go on.
 _REFUSED, _KEPT = 0.5, 0.9
 _OTHER_LENS = "or the focal length that their EXIF states is that of another lens: take it out"
@@ -127,7 +129,7 @@ def from_photographs(
         _map(pycolmap, database, pictures, model, photos, stated, say)
     project = colmap.read(model)
     project = _with_lost_named(project, place, names, photos, force)
-    project = _with_focal_compared(project, names, photos)
+    project = _with_focal_compared(project, names, photos, model / _FREED)
     for said in damaged([photo for photo, name in zip(photos, names, strict=True)
                          if name not in project.lost]):  # fmt: skip
         project = project.warned(said)
@@ -232,8 +234,13 @@ def _with_lost_named(project, place, names, photos, force):
     return replace(project.warned(said), lost=lost)
 
 
-def _with_focal_compared(project, names, photos):
-    """Says so where a focal length is far from what the photographs state."""
+def _with_focal_compared(project, names, photos, freed):
+    """Says so where a focal length is far from what the photographs state.
+
+    freed: file with the focal lengths that fit better than the stated ones, which were held.
+    """
+    other = json.loads(freed.read_text(encoding="utf-8")) if freed.is_file() else {}
+    cameras = dict(project.block.cameras)
     row = {name: k for k, name in enumerate(names)}
     for name, camera in project.block.cameras.items():
         mine = project.block.images["image"][project.block.images["camera"] == name]
@@ -241,17 +248,20 @@ def _with_focal_compared(project, names, photos):
         stated = photo and stated_focal(photo, max(camera.width, camera.height))
         if not stated:
             continue
-        off = camera["f"] / stated.px - 1
+        measured = other.get(name, camera["f"])
+        off = measured / stated.px - 1
         said = (
-            f"camera {name}: f {camera['f']:.0f} px; stated {stated.px:.0f} px ({stated.of}), "
+            f"camera {name}: f {measured:.0f} px{' fits better' if name in other else ''}; stated "
+            f"{stated.px:.0f} px ({stated.of}), "
             f"{abs(100 * off):.0f} % {'longer' if off > 0 else 'shorter'}"
         )
         if abs(off) > _FOCAL_RANGE:
+            cameras[name] = replace(camera, extra={**camera.extra, "f_measured": measured})
             project = project.warned(
                 f"{said}: heights and focal length may have exchanged, pictures may be turned "
                 "or cropped, or the statement is wrong; check it before you trust heights"
             )
-    return project
+    return project.having(cameras=cameras)
 
 
 def is_whole(project: Project, output: Path) -> bool:
@@ -476,10 +486,12 @@ def _map(pycolmap, database, folder, model, photos, stated, say) -> None:
             f"the photographs do not make a model: {why_lost(photos, set())}; {other}features and "
             f"matches are kept in {model.parent}, the same command goes on from there"
         )
+    freed = {}
     if stated:
-        best = _focal_let_go(pycolmap, best)
+        best, freed = _focal_let_go(pycolmap, best)
     with whole_folder(model, "images.bin") as part:
         best.write_binary(part)
+        (part / _FREED).write_text(json.dumps(freed), encoding="utf-8")
 
 
 def _grown(pycolmap, database, folder, count, say, held):
@@ -507,7 +519,8 @@ def _grown(pycolmap, database, folder, count, say, held):
 
 
 def _focal_let_go(pycolmap, held):
-    """The model with its focal length adjusted, where that stays near the stated one.
+    """The model with its focal length adjusted, where that stays near the stated one; and by
+    camera the focal length, px, that contradicts the stated one that was held nevertheless.
 
     Beyond, the stated one stays held: over flat ground f and height exchange, and a bent model
     takes an absurd f; unless the other fits decisively better.
@@ -520,11 +533,14 @@ def _focal_let_go(pycolmap, held):
         images.add_image(image)
     images.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
     pycolmap.create_default_bundle_adjuster(options, images, free).solve()
-    before, after = (model.cameras[next(iter(model.cameras))] for model in (held, free))
-    off = abs(after.mean_focal_length() / before.mean_focal_length() - 1)
+    before, after = (
+        {str(name): one.mean_focal_length() for name, one in model.cameras.items()}
+        for model in (held, free)
+    )
+    far = {name: f for name, f in after.items() if abs(f / before[name] - 1) > _FOCAL_RANGE}
     for one in (held, free):
         one.update_point_3d_errors()
-    better = free.compute_mean_reprojection_error() < (
-        _FITS_BETTER * held.compute_mean_reprojection_error()
-    )
-    return free if off <= _FOCAL_RANGE or better else held
+    fits = free.compute_mean_reprojection_error() / held.compute_mean_reprojection_error()
+    if not far or fits < _FITS_BETTER:
+        return free, {}
+    return held, far if fits < _FITS_LITTLE else {}

@@ -451,12 +451,17 @@ def _with_focal(project, photos):
     for camera, (photo, *_) in _by_camera(project, photos):
         same = abs(photo.width * camera.height / (photo.height_px * camera.width) - 1) < 0.01
         stated = stated_focal(photo, max(camera.width, camera.height)) if same else None
+        extra = dict(camera.extra)
+        measured = extra.pop("f_measured", None)
+        cameras[camera.name] = replace(camera, extra=extra)
         if camera.calibrated or stated is None:
             continue
-        prior = [round(stated.px, 2), round(stated.sigma_px, 2)]
-        cameras[camera.name] = replace(camera, extra={**camera.extra, "f_stated": prior})
+        # A statement that the pictures contradict is as good as it is contradicted.
+        sigma = max(stated.sigma_px, abs((measured or stated.px) - stated.px))
+        extra["f_stated"] = [round(stated.px, 2), round(sigma, 2)]
+        cameras[camera.name] = replace(camera, extra=extra)
         notes.append(
-            f"camera {camera.name}: f stated {stated.px:.0f} +- {stated.sigma_px:.0f} px "
+            f"camera {camera.name}: f stated {stated.px:.0f} +- {sigma:.0f} px "
             f"({stated.of}), a prior where f is estimated (f_stated in block.toml)"
         )
     return project.having(notes=notes, cameras=cameras)

@@ -12,6 +12,7 @@ import pandas as pd
 from scipy.optimize import minimize_scalar
 
 from corridor.core.brief import brief
+from corridor.core.errors import InputError
 from corridor.core.geometry import jackknife, robust_scale
 from corridor.tools.thermal import temperature
 from corridor.tools.thermal.maps import Maps
@@ -23,6 +24,13 @@ _MOST_POWERS = 3
 _BLOCKS = 6
 _MOST_STEPS = 3
 _STRETCH = 0.2  # of the growth: a difference of the axes that is told
+# No camera that works is hotter: the industrial range of electronics. No optics lag by hours.
+_HOTTEST_C, _LONGEST_LAG_S = 85.0, 3600.0
+# A lag that cannot be seen, as small cameras have it: Zhou 2019 and chapter 3 find 40 to 60 s.
+_USUAL_LAG_S = 50.0
+# Thermometers that follow the optics are tried so many usual intervals late; the share of what was
+# left that then has to be left.
+_LATE, _FITS_BETTER = (1, 2, 3, 4, 6, 8), 0.5
 _LEAST_STEP = 0.03  # px: a smaller jump of the tripod does not matter
 
 
@@ -59,6 +67,7 @@ def fit(
     """
     rough = "decentring" if kind is None else kind
     notes = list(maps.warnings)
+    _check(maps)
     maps, wrong = without_wrong_stamps(maps, rough)
     sums = Sums(maps, kind)
     notes += wrong or sums.notes
@@ -80,6 +89,7 @@ def fit(
         lag, lag_sigma, note = _lag(sums, kind, int(powers), steps)
     if note:
         notes.append(note)
+    notes += _of_lag(sums, kind, int(powers), lag or 0.0, steps)
     names = maps.picture[sums.rows]
     notes += [_jumps(names[step - 1], names[step]) for step in steps]
     solved = sums.solve(kind, int(powers), lag or 0.0, steps)
@@ -88,6 +98,62 @@ def fit(
     model = _model(sums, solved, lag, lag_sigma, tuple(dict.fromkeys(notes)))
     model = replace(model, extra={"smoothed_temperature": bool(smooth)})
     return Fit(model, _pictures(sums, solved, lag or 0.0), table)
+
+
+def _check(maps: Maps) -> None:
+    """Raises InputError for temperatures that no camera has, and for times that are all one."""
+    warm = float(np.nanmedian(maps.temperature_c)) if np.isfinite(maps.temperature_c).any() else 0.0
+    if abs(warm) > _HOTTEST_C:
+        raise InputError(
+            f"the temperatures are {warm:.0f} (median), which no camera that works has: are they "
+            "in kelvin, Fahrenheit or tenths? Write temperature_c of series.csv in degrees Celsius "
+            "and make the maps anew"
+        )
+    if len(maps.time_s) > 1 and not np.ptp(maps.time_s) > 0:
+        raise InputError(
+            "all pictures have one time: write time_s of series.csv in seconds and make the maps "
+            "anew"
+        )
+
+
+def _of_lag(sums, kind, powers, lag, steps) -> list[str]:
+    """Sentences where the lag is none of optics: of hours, or of a thermometer that follows."""
+    if lag > _LONGEST_LAG_S:
+        return [
+            f"the optics would lag {lag / 3600:.1f} h behind the thermometer, as none do: is "
+            "time_s in milliseconds? Write seconds"
+        ]
+    time, kept = sums.maps.time_s, sums.warm
+    known = np.argsort(time, kind="stable")
+    known = known[np.isfinite(kept[known])]
+    left, interval = (
+        sums.solve(kind, powers, lag, steps).cost,
+        float(np.median(np.diff(time[known]))),
+    )
+    cost = {}
+    for late in _LATE:
+        sums.warm = np.where(
+            np.isfinite(kept), np.interp(time + late * interval, time[known], kept[known]), np.nan
+        )
+        cost[late] = sums.solve(kind, powers, 0.0, steps).cost
+    sums.warm = kept
+    best = min(cost, key=lambda late: cost[late])
+    if not cost[best] < _FITS_BETTER * left:
+        return []
+    return [
+        f"the pictures warm up about {best * interval:.0f} s before the thermometer does: is it "
+        "far from the lens, or are its times late? The model is not to be trusted"
+    ]
+
+
+def _unknown_lag(sums, solved, felt, t0) -> float:
+    """RMS by which the model would be another with the lag that optics usually have, px."""
+    terms = sums.projected(solved.kind)[1]
+    other = sums.solve(solved.kind, solved.powers, _USUAL_LAG_S, solved.steps)
+    apart = (solved.coefficients(terms) - other.coefficients(terms))[1:]
+    power = ((felt[sums.rows] - t0) / SCALE_C)[:, None] ** np.arange(1, solved.powers + 1)
+    moved = np.einsum("nm,mxa,ka->nxk", power, apart, sums.shapes)
+    return float(np.sqrt(np.mean(moved**2)))
 
 
 def _better_smoothed(sums, kind, lag) -> bool:
@@ -230,6 +296,8 @@ def _model(sums, solved: Solved, lag, lag_sigma, notes) -> ThermalModel:
     coefficients = solved.coefficients(terms)[1:].swapaxes(0, 1)
     dx, dy = coefficients.reshape(2, powers, sums.order, sums.order)
     rms, misfit = _misfit(sums, solved)
+    if lag is None:
+        misfit = float(np.hypot(misfit, _unknown_lag(sums, solved, felt, t0)))
     inside = felt[sums.rows]
     covariance = solved.inverse[used, used] * _design_effect(sums, solved)
     stretched = _stretched(sums, solved, covariance)

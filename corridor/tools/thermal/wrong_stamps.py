@@ -2,7 +2,8 @@
 
 A wrong temperature bends the whole model. Each picture in turn is left out, and each two exchange
 their temperatures; where the maps then fit as one picture alone can not make them, its temperature
-is wrong. Errors of a picture's nodes are alike: pictures count, not nodes.
+is wrong. Errors of a picture's nodes are alike: pictures count, not nodes; and of what is left,
+what no smooth shape takes is noise of the nodes, which says nothing of temperatures.
 
 Source: Cook and Weisberg 1982, section 2.2 (the F test of one observation's shift).
 """
@@ -47,7 +48,7 @@ def without_wrong_stamps(maps: Maps, kind: str) -> tuple[Maps, list[str]]:
 def _worst(sums: Sums, kind: str) -> tuple[list[int], str] | None:
     """Rows of the maps whose temperatures are to be left out, and why; None: none."""
     warm, count = sums.warm, len(sums.rows)
-    names = sums.maps.picture
+    names, noise = sums.maps.picture, _noise(sums)
     powers = sums.most_powers(2)
     lags = np.concatenate([[0.0], np.geomspace(1.0, max(sums.longest_lag, 2.0), 12)])
     if not sums.shows_lag and len(sums.rows) < _FEWEST + 2:
@@ -55,7 +56,8 @@ def _worst(sums: Sums, kind: str) -> tuple[list[int], str] | None:
 
     def cost(course: np.ndarray, tried, use=None) -> tuple[float, float]:
         sums.warm = course
-        return min((_left(sums, sums.solve(kind, powers, lag, (), use), use), lag) for lag in tried)
+        solved = ((sums.solve(kind, powers, lag, (), use), lag) for lag in tried)
+        return min((_left(sums, one, noise, use), lag) for one, lag in solved)
 
     base, lag = cost(warm, lags)
     # Wrong temperatures move the lag as well.
@@ -73,12 +75,21 @@ def _worst(sums: Sums, kind: str) -> tuple[list[int], str] | None:
             course = warm.copy()
             course[[a, b]] = warm[[b, a]]
             pairs[one, other] = cost(course, near)[0]
+    # Those that decide, by lags a tenth apart: a lag between two of the few would tell for itself.
+    fine = np.unique([0.0, *np.geomspace(max(lags[-1], 2.0) / 100, max(lags[-1], 2.0), 48)])
+    fine = fine if len(lags) > 1 else lags
+    base = cost(warm, fine)[0]
+    rest = np.arange(count) != best
+    alone[best] = cost(_without(sums, warm, sums.rows[best]), fine, rest)[0]
+    if pairs:
+        both = min(pairs, key=lambda pair: pairs[pair])
+        course, (a, b) = warm.copy(), sums.rows[list(both)]
+        course[[a, b]] = warm[[b, a]]
+        pairs[both] = cost(course, fine)[0]
     sums.warm = warm
     if pairs:
-        both = min(pairs, key=pairs.get)
         swapped = pairs[both]
         if (base - swapped) * free > _F * swapped and swapped < alone[best] / 2:
-            a, b = sums.rows[list(both)]
             return [int(a), int(b)], (
                 f"the temperatures of {names[a]} ({warm[a]:.1f} C) and {names[b]} ({warm[b]:.1f} "
                 "C) seem to be exchanged: both pictures are left out; correct temperature_c in "
@@ -93,9 +104,17 @@ def _worst(sums: Sums, kind: str) -> tuple[list[int], str] | None:
     return None
 
 
-def _left(sums: Sums, solved: Solved, use: np.ndarray | None) -> float:
-    """Weighted squares left of pictures; what moves one as a whole is no matter of temperature."""
+def _noise(sums: Sums) -> np.ndarray:
+    """Weighted squares of each picture (used,) that its own fullest polynomial leaves."""
+    taken = np.einsum("nax,nab,nbx->n", sums.b, np.linalg.pinv(sums.A, hermitian=True), sums.b)
+    return np.maximum(sums.squares - taken, 0.0)
+
+
+def _left(sums: Sums, solved: Solved, noise: np.ndarray, use: np.ndarray | None) -> float:
+    """Weighted squares left of pictures beyond noise (used,); what moves one as a whole is no
+    matter of temperature."""
     left = solved.of_picture - sums.weight * np.sum(solved.offset**2, axis=1)
+    left = np.maximum(left - noise, 0.0)
     return float(left.sum() if use is None else left[use].sum())
 
 

@@ -1,5 +1,6 @@
 """Tracks and clocks that are not what they say: each is told, and counts in the sigma."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -63,6 +64,46 @@ class TestClocks:
     def test_a_right_clock_is_not_doubted(self):
         assert not any("positions in" in note for note in at_images(flown(), exposed()).notes)
 
+    @pytest.mark.parametrize(("seconds", "means"), [(14.0, "BDT"), (-37.0, "TAI"), (4.0, "BDT")])
+    def test_another_time_system_is_refused_by_its_seconds(self, seconds, means):
+        """BeiDou time is 14 s behind GPS time and 4 s ahead of UTC, TAI 37 s ahead of UTC."""
+        with pytest.raises(InputError, match=f"{abs(seconds):g} s .*means {means}"):
+            at_images(flown(), exposed(late=seconds))
+
+    def test_a_count_of_seconds_that_leaves_metres_is_none(self):
+        found = at_images(flown(), exposed(late=-2.3))
+        assert any(re.search(r"2\.(29|30) \+- 0\.0. s later", note) for note in found.notes)
+        assert not len(found.refused)
+
+    def test_positions_of_the_next_row_are_told(self):
+        images = exposed()
+        images.loc[:, XYZ] = np.roll(images[XYZ].to_numpy(), -1, axis=0)
+        images["time_s"] += np.random.default_rng(2).uniform(-0.3, 0.3, len(images))
+        images.loc[:, XYZ] = np.roll(place(images["time_s"]), -1, axis=0)
+        found = at_images(flown(), images)
+        assert any("1 row above 0.0" in note for note in found.notes)
+
+    def test_another_place_is_refused(self):
+        images = exposed()
+        images["x"] += 2000.0
+        with pytest.raises(InputError, match="2 km from rover.pos: one of the two is of another"):
+            at_images(flown(), images)
+
+    @pytest.mark.parametrize("step", [0.5, 0.1, 0.01])
+    def test_a_step_of_times_is_seen(self, step):
+        rng = np.random.default_rng(6)
+        time = np.cumsum(1.7 + 0.03 * rng.standard_normal(200))
+        time = np.round(time / step) * step + 0.123
+        table = pd.DataFrame({"image": np.arange(200).astype(str), "time_s": time})
+        seen = Exposures(table, None, None, None, Path("images.csv")).with_seen_step()
+        assert seen.resolution_s == step
+
+    def test_even_firing_is_no_step(self):
+        time = np.delete(0.7 * np.arange(100), [20, 50, 51])
+        table = pd.DataFrame({"image": np.arange(97).astype(str), "time_s": time})
+        seen = Exposures(table, None, None, None, Path("images.csv")).with_seen_step()
+        assert seen.resolution_s is None
+
     def test_whole_seconds_are_in_the_sigma(self):
         images = exposed()
         with pytest.raises(WorkFailed, match="steps of 1000 ms"):
@@ -75,6 +116,49 @@ class TestClocks:
         assert any("stands still" in note for note in found.notes)
 
 
+class TestOwnPositions:
+    """What on-board positions of centimetres say of each image."""
+
+    def test_a_clock_that_drifts_is_told_and_its_images_refused(self):
+        images = exposed()
+        images["time_s"] += 0.003 * (images["time_s"] - 50)
+        found = at_images(flown(), images)
+        assert any("clock of the images drift, by 3 ms a second" in note for note in found.notes)
+        assert {"i0.jpg", "i37.jpg"} <= set(found.refused["image"])
+
+    def test_a_clock_that_jumps_is_told_with_its_image(self):
+        images = exposed()
+        images.loc[27:, "time_s"] += 0.7
+        found = at_images(flown(), images)
+        assert any("jump, by 0.70 s from i27.jpg on" in note for note in found.notes)
+        assert list(found.refused["image"]) == [f"i{n}.jpg" for n in range(27, len(images))]
+
+    def test_epochs_that_are_false_for_half_a_minute_refuse_their_images(self):
+        track = flown()
+        track.loc[track["time_s"].between(40, 60), XYZ] += [0.2, -0.2, 0.3]
+        found = at_images(track, exposed())
+        time = exposed()["time_s"].to_numpy()[[int(i[1:-4]) for i in found.refused["image"]]]
+        assert len(time) == 9 and ((time > 40) & (time < 60)).all()
+
+    @pytest.mark.parametrize("shift", [(0.8, -0.6, 0.4), (40.0, 0.0, 0.0)])
+    def test_what_all_have_in_common_refuses_none(self, shift):
+        images = exposed()
+        images[XYZ] += np.array(shift)
+        assert not len(at_images(flown(), images).refused)
+
+    def test_positions_without_sigmas_tell_a_clock_and_refuse_none(self):
+        images = exposed(sigma=0.05).drop(columns=SXYZ)
+        images["time_s"] += 0.005 * (images["time_s"] - 50)
+        found = at_images(flown(), images)
+        assert any("clock of the images drift" in note for note in found.notes)
+        assert not len(found.refused)
+
+    def test_an_on_board_solution_that_is_no_fix_contradicts_nothing(self):
+        images = exposed().assign(flag=pd.array([34] * 39, dtype="Int64"))
+        images.loc[20:, XYZ] += [0.5, 0.5, 0.5]
+        assert not len(at_images(flown(), images).refused)
+
+
 class TestEpochs:
     @pytest.mark.parametrize("rate", [1.0, 5.0, 10.0])
     def test_false_epochs_are_left_out_by_their_own_noise(self, rate):
@@ -85,6 +169,61 @@ class TestEpochs:
         found = interpolate(track, at).table
         off = (found[XYZ].to_numpy() - place(at)) / found[SXYZ].to_numpy()
         assert np.abs(off).max() < 5
+
+    @pytest.mark.parametrize("many", [2, 3])
+    def test_epochs_that_are_false_together_are_left_out(self, many):
+        track = flown(10.0, seconds=40.0, seed=7)
+        track.loc[150 : 149 + many, XYZ] += [0.25, -0.2, 0.3]
+        at = np.array([14.95, 15.05, 15.25])
+        found = interpolate(track, at)
+        off = (found.table[XYZ].to_numpy() - place(at)) / found.table[SXYZ].to_numpy()
+        assert np.abs(off).max() < 5
+        assert any(f"{many} epochs stand" in note and "0.4" in note for note in found.notes)
+
+    @pytest.mark.parametrize("by", [(0.3, 0.2, -0.3), (0.0, 0.0, -28.0)])
+    def test_a_jump_is_told_and_nothing_is_interpolated_across_it(self, by):
+        track = flown(10.0, seconds=40.0, seed=8)
+        track.loc[200:, XYZ] += np.array(by)
+        found = interpolate(track, np.array([19.5, 19.97, 21.0]))
+        assert found.table["why"].tolist() == ["", "in a gap of the track", ""]
+        assert any("jumps by" in note and "at 20.000 s" in note for note in found.notes)
+
+    def test_two_receivers_in_one_file_are_refused(self):
+        track = flown()
+        track.loc[::2, "x"] += 0.5
+        with pytest.raises(InputError, match="every second epoch lies 0.50 m beside the others"):
+            interpolate(track, np.array([20.0]))
+
+    def test_variances_in_place_of_sigmas_are_not_used(self):
+        track = flown()
+        track[SXYZ] = SIGMA**2
+        found = interpolate(track, np.array([20.0]))
+        assert any("are they variances" in note for note in found.notes)
+        assert found.table["sx"].iloc[0] > 0.002
+
+    def test_sigmas_in_another_unit_are_named_where_all_is_refused(self):
+        track = flown()
+        track[SXYZ] = 1000 * SIGMA
+        with pytest.raises(WorkFailed, match="sigmas in centimetres or millimetres"):
+            at_images(track, exposed().drop(columns=[*XYZ, *SXYZ]))
+
+    @pytest.mark.parametrize(("step", "shown"), [(0.1, "10 cm"), (1.0, "1e\\+02 cm")])
+    def test_what_the_last_digit_is_worth_is_in_the_sigma(self, step, shown):
+        track = flown().round(dict.fromkeys("xyz", 0 if step == 1 else 1))
+        told = f"prints positions in steps of {shown}, which is in the sigmas"
+        try:
+            found = at_images(track, exposed().drop(columns=[*XYZ, *SXYZ]))
+        except WorkFailed as error:
+            assert step == 1 and re.search(told, str(error))
+        else:
+            assert any(re.search(told, note) for note in found.notes)
+            assert found.gnss["sx"].min() > 0.005
+
+    def test_degrees_in_a_table_of_metres_are_refused(self):
+        track = flown()
+        track[["x", "y"]] = track[["x", "y"]] * 1e-5 + [8.5, 49.0]
+        with pytest.raises(InputError, match="longitude and latitude in degrees"):
+            at_images(track, exposed().drop(columns=[*XYZ, *SXYZ]))
 
     @pytest.mark.parametrize("degrees", [30.0, 60.0, 90.0, 170.0])
     @pytest.mark.parametrize("speed", [1.0, 3.0])
@@ -128,6 +267,22 @@ class TestEpochs:
         off = (found.table[XYZ].to_numpy() - true) / found.table[SXYZ].to_numpy()
         assert np.sqrt(np.mean(off**2)) < 1.3
         assert any("cannot show motion above 0.5 Hz" in note for note in found.notes)
+
+    def test_motion_that_a_smoother_takes_for_noise_is_in_the_sigma(self):
+        """A height shaken by 2 cm, flat up to 2 Hz, beside noise of 2 cm: neither is told by its
+        size, but noise does not hang together from epoch to epoch."""
+        rng, fine = np.random.default_rng(0), np.arange(0, 60, 0.02)
+        spectrum = np.fft.rfft(rng.standard_normal(len(fine)))
+        spectrum[np.fft.rfftfreq(len(fine), 0.02) > 2.0] = 0
+        shaken = np.fft.irfft(spectrum, len(fine))
+        shaken *= 0.02 / shaken.std()
+        track = flown(10.0, seconds=60.0)
+        track["z"] += shaken[::5] + 0.013 * rng.standard_normal(len(track))
+        track["sz"] = 0.02
+        at = np.arange(2.0, 58.0, 0.37)
+        found = interpolate(track, at).table
+        off = found["z"] - 50 - np.interp(at, fine, shaken)
+        assert np.sqrt(np.mean((off / found["sz"]) ** 2)) < 1.5  # 3 without
 
     @pytest.mark.parametrize(("quality", "name"), [(2, "float"), (5, "single")])
     def test_epochs_that_are_no_fixes_are_not_used_as_fixes(self, quality, name):

@@ -99,8 +99,15 @@ def test_seconds_without_a_date_count_from_the_day_or_the_week():
     flown = track()
     assert align(flown, images([30010.0], day=None)).offset_s == 0.0
     assert align(flown, images([116410.0], day=None)).offset_s == -86400.0
+    since_1980 = 86400.0 * 16241  # days from 6 January 1980 to 24 June 2024
+    assert align(flown, images([since_1980 + 30010.0], day=None)).offset_s == -since_1980
     week = track(first=116400.0, day=None)
     assert align(week, images([30010.0])).offset_s == 86400.0
+
+
+def test_milliseconds_without_a_date_are_named():
+    with pytest.raises(InputError, match="has its times in milliseconds; write seconds"):
+        align(track(), images([30_010_000.0, 30_012_000.0], day=None))
 
 
 WRONG = {

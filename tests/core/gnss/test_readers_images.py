@@ -27,6 +27,14 @@ class TestTimeMarksOfDji:
         assert (self.marks.day, self.marks.time_system) == ("2024-06-29", "GPST")
         assert self.marks.table["time_s"].tolist() == [86398.25, 86399.75, 86401.25, 86402.75]
 
+    def test_a_week_that_does_not_change_with_its_seconds_is_counted_on(self, tmp_path):
+        text = (DATA / "week_end.MRK").read_text()
+        assert "[2321]" in text
+        (tmp_path / "x.MRK").write_text(text.replace("[2321]", "[2320]"))
+        stays = read_exposures(tmp_path / "x.MRK")
+        assert stays.table["time_s"].tolist() == self.marks.table["time_s"].tolist()
+        assert any("was counted on" in note for note in stays.notes)
+
     def test_v_is_down_and_north_is_written_first(self):
         """The file prints -180 N, 574 E, 233 V."""
         offset = self.marks.table[["offset_e", "offset_n", "offset_u"]].iloc[0]

@@ -309,3 +309,9 @@ def test_heights_below_ellipsoid_or_sea_are_negative(tmp_path, reference, sign):
     """EXIF 3.0: 0 and 1 above and below the ellipsoid, 2 and 3 the sea."""
     found = position(tmp_path / "a.jpg", 49.0, tags={5: bytes([reference])})
     assert found.height == sign * 40.0
+
+
+@pytest.mark.parametrize(("said", "lat"), [("S", -49.0), (b"S\0", -49.0), ("", None), ("x", None)])
+def test_a_latitude_without_its_hemisphere_is_none(tmp_path, said, lat):
+    """On the wrong side of the equator a survey would be mirrored."""
+    assert position(tmp_path / "a.jpg", 49.0, tags={1: said}).lat_deg == lat

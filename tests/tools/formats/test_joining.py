@@ -11,7 +11,7 @@ from PIL import Image
 from corridor.core.errors import InputError, WorkFailed
 from corridor.core.gnss import Local
 from corridor.core.photographs import Metadata, Taken, photographs_in, read_metadata
-from corridor.tools.formats import Project, mapping
+from corridor.tools.formats import Project, mapping, placing
 from corridor.tools.formats.focal import stated_focal
 from corridor.tools.formats.importing import _straight
 from corridor.tools.formats.joining import bent, damaged, why_lost
@@ -99,17 +99,31 @@ def test_focal_lengths_that_photographs_state(real_data):
 
 
 @pytest.mark.parametrize(("f", "word"), [(2600.0, "15 % longer"), (2270.0, None)])
-def test_a_focal_length_far_from_the_stated_one_is_told(f, word):
+def test_a_focal_length_far_from_the_stated_one_is_told(f, word, tmp_path):
     photos = flown(10.0)
     block = exact_block(f=f)
     project = Project("photos", Path("photos"), block)
-    made = mapping._with_focal_compared(project, [photo.name for photo in photos], photos)
+    names, none = [photo.name for photo in photos], tmp_path / "none"
+    made = mapping._with_focal_compared(project, names, photos, none)
     assert bool(made.warnings) == bool(word)
     if word:
         assert (
             word in made.warnings[0]
             and "stated 2266 px (EXIF's, of 35 mm film)" in made.warnings[0]
         )
+
+
+def test_a_stated_focal_length_that_the_pictures_contradict_is_no_narrow_prior(tmp_path):
+    """35 mm of a picture whose points fit better with 1300 px: stated 3966, held, and doubted."""
+    photos = flown(10.0, focal_35_mm=35.0)
+    project = Project("photos", Path("photos"), exact_block(f=3966.0))
+    (name,) = project.block.cameras
+    (tmp_path / "freed.json").write_text(f'{{"{name}": 1300.0}}')
+    names = [photo.name for photo in photos]
+    made = mapping._with_focal_compared(project, names, photos, tmp_path / "freed.json")
+    assert "f 1300 px fits better; stated 3966 px" in made.warnings[0]
+    made = placing._with_focal(made, dict(enumerate(photos[: len(made.block.images)])))
+    assert made.block.cameras[name].extra == {"f_stated": [3966.01, 2666.01]}
 
 
 def test_work_is_kept_for_the_same_photographs_at_the_same_size_only(tmp_path):

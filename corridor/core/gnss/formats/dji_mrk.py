@@ -15,7 +15,7 @@ import pandas as pd
 
 from corridor.core.errors import InputError
 from corridor.core.gnss.exposures import Exposures
-from corridor.core.gnss.time import gps_day, on_one_day
+from corridor.core.gnss.time import WEEK_S, gps_day, on_one_day
 from corridor.core.gnss.track import GEOGRAPHIC
 from corridor.core.textfile import read_lines
 
@@ -58,6 +58,7 @@ def recognise(head: str) -> bool:
 def read(path: Path) -> Exposures:
     """Exposures of a .MRK; x, y, z are longitude, latitude, height; offsets in metres, up."""
     numbers, stamps, values = [], [], []
+    before, last, restarts = 0.0, 0, 0
     for row, line in enumerate(read_lines(path), 1):
         if not line.strip():
             continue
@@ -73,8 +74,11 @@ def read(path: Path) -> Exposures:
                 f"{path.name}, row {row}: second {seconds} of GPS week {week} is not a time of a "
                 "drone flight; correct the week, counted from 1980, or delete the row"
             )
+        # Some marks keep the week in which a flight began, while its seconds begin anew.
+        restarts += before - float(seconds) > WEEK_S / 2 and int(week) == last
+        before, last = float(seconds), int(week)
         numbers.append(int(number))
-        stamps.append(gps_day(int(week), float(seconds)))
+        stamps.append(gps_day(int(week) + restarts, float(seconds)))
         values.append([float(text) for text in rest])
     day, time = on_one_day(stamps)
     table = pd.DataFrame(np.array(values), columns=_COLUMNS)
@@ -83,6 +87,11 @@ def read(path: Path) -> Exposures:
     table.insert(1, "time_s", time)
     table["flag"] = table["flag"].astype("Int64")
     notes = []
+    if restarts:
+        notes.append(
+            f"{path.name}: the seconds of the week begin anew and the week does not change, which "
+            "was counted on"
+        )
     none = (table["flag"] == 0).to_numpy(dtype=bool)
     if none.any():
         table.loc[none, ["x", "y", "z", "sx", "sy", "sz"]] = np.nan

@@ -25,7 +25,7 @@ from corridor.core.textfile import read_lines
 TITLE = "RTKLIB .pos"
 
 _COLUMNS = re.compile(
-    r"^%\s*(?P<system>[A-Z]{3,5})\b.*?(?P<first>latitude\(deg\)|latitude\(d'\"\)|x-ecef\(m\)"
+    r"^%\s*(?P<system>[A-Z]{3,9})\b.*?(?P<first>latitude\(deg\)|latitude\(d'\"\)|x-ecef\(m\)"
     r"|e-baseline\(m\))(?P<between>.*?)(?:longitude|y-ecef|n-baseline)"
 )
 _BARE = re.compile(r"^\s*(\d{4}[/-]\d{2}[/-]\d{2}[\s,;]+\d{1,2}:\d{2}:\d{2}|\d{3,4}\s+\d+\.\d+\s)")

@@ -9,8 +9,10 @@ import pandas as pd
 from corridor.core.block import RHO
 from corridor.core.brief import brief
 from corridor.core.errors import InputError
+from corridor.core.geometry import robust_scale
 from corridor.core.gnss.interpolation import polynomials, regimes, roughness, smoother
 from corridor.core.gnss.interpolation.blunders import blunder_epochs, singular_epochs
+from corridor.core.gnss.interpolation.jumps import Jump, alternating, jumps
 from corridor.core.gnss.interpolation.segmenting import segments
 from corridor.core.options import options
 
@@ -33,6 +35,12 @@ _NAMES = {2: "float", 3: "SBAS", 4: "differential code", 5: "single"}
 # smaller by more than this than second differences of the epochs say hold too little motion: of
 # 120 epochs chance and turns make 1.3, in simulated flights.
 _CONTRADICTS, _STRAYS = 1.3, 1.5
+# The phase of a carrier, 0.19 m long, is measured to a hundredth: nobody's positions in flight are
+# better than a millimetre. Source: Teunissen and Montenbruck 2017, chapter 13.
+_NOBODYS_M = 1e-3
+# Slow errors are a few times as large as the scatter of neighbours; not twenty times. What
+# scatters by less than receivers print was computed.
+_FAR_BELOW, _PRINTED_M = 0.05, 1e-4
 # Sigma against that of a fix, where a track states quality but no sigma.
 _BY_QUALITY = {1: 1.0, 2: 20.0, 3: 100.0, 4: 50.0, 5: 200.0, 6: 5.0, 7: 1000.0}
 
@@ -126,11 +134,21 @@ def interpolate(
     times = np.asarray(times, dtype=float).reshape(-1)
     pieces = segments(track)
     notes: list[str] = []
-    wild = blunder_epochs(track, pieces)
-    if wild:
-        notes.append(_of_wild(track, wild))
-        track = track.drop(track.index[list(wild)]).reset_index(drop=True)
-        pieces = segments(track)
+    aside = alternating(track, pieces)
+    if aside:
+        raise InputError(
+            f"every second epoch lies {aside:.2f} m beside the others, as of two receivers in one "
+            "file; put each into a file of its own"
+        )
+    for told in (blunder_epochs, lambda *of: jumps(*of)[1]):
+        if false := told(track, pieces):
+            notes.append(_of_wild(track, false))
+            track = track.drop(track.index[list(false)]).reset_index(drop=True)
+            pieces = segments(track)
+    jumped = jumps(track, pieces)[0]
+    if jumped:
+        notes.append(_of_jumps(jumped))
+        pieces = segments(track, [jump.row for jump in jumped])
     notes += _of_singular(track, pieces)
     notes += _of_holes(track["time_s"].to_numpy(dtype=float), pieces)
     epochs = _epochs(track, interpolation.velocities and method == "smoother", notes)
@@ -213,6 +231,17 @@ def _of_holes(time: np.ndarray, pieces: pd.DataFrame) -> list[str]:
     ]
 
 
+def _of_jumps(found: list[Jump]) -> str:
+    worst = max(found, key=lambda jump: jump.size)
+    by = ", ".join(f"{value:+.2f}" for value in worst.by)
+    more = f" ({len(found) - 1} more jumps too)" if len(found) > 1 else ""
+    return (
+        f"the track jumps by {worst.size:.2f} m at {worst.time_s:.3f} s (x, y, z {by}){more}, as "
+        "no drone flies: positions on one side are off by that, and their sigmas do not say so; "
+        "look at the base, the fixes and the heights of the track"
+    )
+
+
 def _of_wild(track: pd.DataFrame, wild: dict[int, float]) -> str:
     worst = max(wild, key=lambda epoch: wild[epoch])
     many = f"{len(wild)} epochs stand" if len(wild) > 1 else "1 epoch stands"
@@ -221,6 +250,20 @@ def _of_wild(track: pd.DataFrame, wild: dict[int, float]) -> str:
         f"and {'are' if len(wild) > 1 else 'is'} left out of the track: that at "
         f"{track['time_s'].iloc[worst]:.3f} s by {wild[worst]:.2f} m"
     )
+
+
+def _of_units(time: np.ndarray, position: np.ndarray, sigma: np.ndarray) -> list[str]:
+    """A sentence where epochs scatter far less than the sigmas (n, 3) that they state."""
+    if len(time) < regimes.FEWEST_EPOCHS:
+        return []
+    stated = float(np.median(sigma))
+    scatter = float(robust_scale(np.diff(position, 3, axis=0))) / np.sqrt(20)  # of white noise
+    if not _PRINTED_M < scatter < _FAR_BELOW * stated:
+        return []
+    return [
+        f"the epochs state sigmas of {stated:.3g} m (median) and scatter by {scatter:.2g} m: are "
+        "the sigmas in centimetres or millimetres? Write metres"
+    ]
 
 
 def _of_singular(track: pd.DataFrame, pieces: pd.DataFrame) -> list[str]:
@@ -277,9 +320,16 @@ def _epochs(track: pd.DataFrame, velocities: bool, notes: list[str]) -> regimes.
         quality = track["quality"].to_numpy(dtype=float, na_value=np.nan)
     relative = np.array([_BY_QUALITY.get(q, 1.0) for q in quality])
     sigma, lost = _stated(track, _SIGMA, relative)
+    if sigma is not None and np.median(sigma) < _NOBODYS_M:
+        notes.append(
+            f"the epochs state sigmas of {1000 * np.median(sigma):.2g} mm (median), which no "
+            "receiver in flight reaches (are they variances?): they are not used"
+        )
+        sigma = None
     stated = sigma is not None
     if stated:
         notes += _of_unsure(track, sigma)
+        notes += _of_units(*(track[c].to_numpy(float) for c in ("time_s", _POSITION)), sigma)
         # GrafNav's own quality follows from its standard deviations, and says no more than they.
         if "grafnav_quality" not in track:
             sigma = _by_quality(sigma, quality, notes)
@@ -364,6 +414,24 @@ def _shaken(epochs: regimes.Epochs, sigma: np.ndarray, model: regimes.Model) -> 
     return out
 
 
+def _left_over(epochs: regimes.Epochs, residual: np.ndarray, model: regimes.Model) -> np.ndarray:
+    """Standard deviation (3,), m, of motion in the residuals (n, 3) of usual epochs: as they hang
+    together, or are larger than the noise of a receiver that is believed."""
+    out, usual = np.zeros(3), (epochs.excess == 0).all(axis=1)
+    for _, axes in regimes.GROUPS:
+        if usual.sum() < regimes.FEWEST_EPOCHS:
+            continue
+        mine = residual[usual][:, axes]
+        noise = model.axes[axes[0]].scale * np.median(epochs.usual[:, axes])
+        more = float(robust_scale(mine)) ** 2 - noise**2 * (
+            1 + roughness.CHANCE / np.sqrt(mine.size)
+        )
+        more = more if model.interval_s < regimes.SLOW_S else 0.0
+        left = roughness.left_over(epochs.time[usual], mine)
+        out[list(axes)] = max(left, np.sqrt(max(more, 0.0)))
+    return out
+
+
 def _between_epochs(time: np.ndarray, at: np.ndarray) -> np.ndarray:
     """How far times (n,) are from epochs (m,), as the standard deviation of what happens between:
     1 in the middle, 0 at an epoch, which measures where the drone is (a Brownian bridge)."""
@@ -377,7 +445,16 @@ def _smoothed(epochs, at, count, slow_share):
     usual, excess = regimes.split(epochs.sigma, epochs.time)
     epochs = epochs._replace(position=epochs.position - origin, usual=usual, excess=excess)
     model = regimes.fit(epochs, slow_share)
-    position, sigma, velocity, v_sigma = smoother.smooth(epochs, at, model)
+    # Some of the epochs themselves, to see what is left of them.
+    n = len(epochs.time)
+    some = slice(max((n - _CURVE) // 2, 0), (n + _CURVE) // 2)
+    smoothed = smoother.smooth(epochs, np.concatenate([at, epochs.time[some]]), model)
+    residual = epochs.position[some] - smoothed[0][len(at) :]
+    left = _left_over(epochs.at(some), residual, model)
+    position, sigma, velocity, v_sigma = (part[: len(at)] for part in smoothed)
+    if left.any():
+        sigma = np.hypot(sigma, left)
+        v_sigma = np.hypot(v_sigma, left * np.pi / model.interval_s / np.sqrt(3))
     shaken = np.zeros(3) if epochs.velocity is not None else _shaken(epochs, sigma[count:], model)
     if shaken.any():
         model = model._replace(unresolved=np.hypot(model.unresolved, shaken))

@@ -23,8 +23,11 @@ _OF_NOISE = 6.0
 _SMOOTHEST, _APART = 3.0, 0.05
 # So many second differences are needed; and steps that are alike within this share.
 _FEWEST, _ALIKE = 20, 0.05
+# Lags, s, at which motion of a drone no longer hangs together, and slow noise does; how many sigmas
+# a covariance has to be above none.
+_FAR_S, _SURE = (2.0, 3.0, 4.0), 3.0
 # Twice the standard deviation of a robust variance of n numbers that hang together by threes.
-_CHANCE = 2 * np.sqrt(2 * 3 / 0.37)
+CHANCE = 2 * np.sqrt(2 * 3 / 0.37)
 
 
 def between(time: np.ndarray, position: np.ndarray, sigma: float) -> float:
@@ -39,7 +42,7 @@ def between(time: np.ndarray, position: np.ndarray, sigma: float) -> float:
         return 0.0
     one, two = (float(robust_scale(part)) ** 2 for part in grown)
     noise = _OF_NOISE * sigma**2
-    if one < noise * (1 + _CHANCE / np.sqrt(grown[0].size)):
+    if one < noise * (1 + CHANCE / np.sqrt(grown[0].size)):
         return 0.0
     power = np.clip(np.log2(max(two - noise, one - noise) / (one - noise)), 0.0, _SMOOTHEST)
     if abs(power - 2) < _APART:
@@ -55,6 +58,34 @@ def between(time: np.ndarray, position: np.ndarray, sigma: float) -> float:
         )
         for at, weight in _BETWEEN
     )
+
+
+def left_over(time: np.ndarray, residual: np.ndarray) -> float:
+    """Standard deviation, m, of motion that a smoother took for noise, as its residuals hang
+    together from epoch to epoch: noise does not, and slow noise does over seconds, too.
+
+    time (n,) s; residual (n, k) m, of axes alike. 0 where they show nothing.
+    """
+    interval = float(np.median(np.diff(time)))
+    far = [max(round(lag / interval), 3) for lag in _FAR_S]
+    if len(time) < 3 * far[-1]:
+        return 0.0
+    one, two, *others = (_covariance(time, residual, lag, interval) for lag in (1, 2, *far))
+    variance = float(robust_scale(residual)) ** 2
+    near = one - max(float(np.mean(others)), 0.0)
+    if near < _SURE * variance / np.sqrt(residual.size):
+        return 0.0
+    # A parabola through the covariances at two lags, at none.
+    return float(np.sqrt(near + max(one - two, 0.0) / 3))
+
+
+def _covariance(time, residual, lag, interval) -> float:
+    """Robust covariance of residuals so many epochs apart."""
+    even = np.abs(time[lag:] - time[:-lag] - lag * interval) < _ALIKE * interval
+    early, late = residual[:-lag][even], residual[lag:][even]
+    if len(early) < _FEWEST:
+        return 0.0
+    return float(robust_scale(late + early) ** 2 - robust_scale(late - early) ** 2) / 4
 
 
 def _second_differences(time, position, interval, lag):

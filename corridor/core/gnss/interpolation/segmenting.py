@@ -5,6 +5,8 @@ between two flights (battery change). Short gaps do not end a piece: the smoothe
 little it knows there.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
 
@@ -16,13 +18,15 @@ _WINDOW_S = 10.0
 _STILL_M = 0.3
 
 
-def segments(track: pd.DataFrame) -> pd.DataFrame:
+def segments(track: pd.DataFrame, jumps: Sequence[int] = ()) -> pd.DataFrame:
     """Pieces of a track, in the order of its rows.
 
     track: columns time_s, x, y, z (metres), optional flight; times rise within each flight.
-    A piece ends where two epochs are further apart than 10 s, and than ten usual intervals.
+    jumps: rows before which the positions jump. A piece ends there, and where two epochs are
+    further apart than 10 s, and than ten usual intervals.
     Returns first, last (rows, both included), start_s, end_s, epochs, interval_s (usual),
-    flight ("" where not named) and begins: why it does ("track", "flight", "gap", "standing").
+    flight ("" where not named) and begins: why it does ("track", "flight", "gap", "jump",
+    "standing").
     Two pieces cut where the drone stood share the epoch of the cut.
     Raises InputError, naming the epoch (from 1), where times do not rise or are not numbers.
     """
@@ -50,6 +54,7 @@ def segments(track: pd.DataFrame) -> pd.DataFrame:
     usual = float(np.median(step[~other])) if (~other).any() else 1.0
     gap = (step > max(_GAP_S, 10 * usual)) & ~other
     cuts = {0: "track"}
+    cuts |= dict.fromkeys(jumps, "jump")
     cuts |= dict.fromkeys((np.flatnonzero(gap) + 1).tolist(), "gap")
     cuts |= dict.fromkeys((np.flatnonzero(other) + 1).tolist(), "flight")
     rows: list = []
