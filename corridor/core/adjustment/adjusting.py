@@ -19,7 +19,7 @@ from corridor.core.adjustment.datum import (
     open_motions,
     scaled_by_distances,
 )
-from corridor.core.adjustment.false_matches import without_false_matches, without_ties
+from corridor.core.adjustment.false_matches import with_true_matches, without_ties
 from corridor.core.adjustment.false_positions import without_false_fixes
 from corridor.core.adjustment.gross_errors import begun_with_sound_positions, without_gross_errors
 from corridor.core.adjustment.ground_variances import with_ground_doubts, with_marks_as_they_are
@@ -38,9 +38,10 @@ from corridor.core.adjustment.readjusting import (
     with_motion_as_seen,
     without_unseen_arms,
 )
-from corridor.core.adjustment.result import Adjustment, from_where_it_ended
+from corridor.core.adjustment.result import Adjustment, from_where_it_ended, where_it_leads
 from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.turns import with_turns_as_seen
+from corridor.core.adjustment.variance_components import CONTRADICTING_FACTOR
 from corridor.core.adjustment.warnings import implausible
 from corridor.core.block import Block, read, with_rigid_poses
 from corridor.core.effects import Effect, check_needs
@@ -59,12 +60,16 @@ from corridor.core.preparation import (
 ITERATIONS = 100
 # What a lens that is not calibrated may bend, as a start: with this standard deviation.
 START_LENS = {"k1": 0.1, "k2": 0.1}
+# Start values beyond the pictures: of more points than this share, something else is wrong.
+_WILD = 0.1
 # Of the images so many at most may be left out because nothing determines their poses.
 _SPARE = 0.05
 # Points that two images need to be oriented to each other (Nistér 2004).
 _FOR_A_PAIR = 5
 # Sigma naught of what has been adjusted to something that cannot be.
 _WRECKED = 20.0
+# Sigma naught that errors of measurements alone, or an effect that is missing, hardly reach.
+_MISFIT = 3.0
 # Share of marks far off beyond which it is not they that are wrong.
 _MANY = 0.2
 _WEIGHTS = ("estimated", "marks", "stated")
@@ -218,13 +223,18 @@ def refit(
 def _with_ground_as_seen(
     block: Block, model: Model, whole: Callable[[Block], Adjustment], again: Callable
 ) -> tuple[Adjustment, list[str]]:
-    """The block adjusted; where that fails, or no camera is so, without exchanged ground points."""
+    """The block adjusted; where that fails, or no camera is so, without false matches or exchanged
+    ground points."""
     failure: InputError | AdjustmentFailed | None = None
     try:
         result = whole(block)
     except (InputError, AdjustmentFailed) as error:
         failure = error
     wrecked = failure is not None or not result.converged or result.sigma0 > _WRECKED
+    if wrecked or result.sigma0 > _MISFIT:
+        found = where_it_leads(with_true_matches, block, model, again, whole, _begun)
+        if found and (failure or found.sigma0 < result.sigma0 / CONTRADICTING_FACTOR):
+            return found, []
     # A robust loss takes marks of points that lie elsewhere for wrong ones.
     if wrecked or _many_wrong_marks(result) or implausible(result):
         sound, notes = without_exchanged(block, model, again)
@@ -290,17 +300,22 @@ def _once(
     spare: how many images may be left out because nothing determines their pose; None: a few.
     """
     began = time.perf_counter()
-    start = block
+    start, notes = block, []
     spare = int(_SPARE * len(block.images)) if spare is None else spare
     block = with_rigid_poses(block)
     if _incomplete(block):
         block = complete(block, run.progress)
     problem, loss = make_problem(block, model), Loss.parse(model.loss)
     threads = min(run.threads, 2)
-    residual, _ = Normal(problem, loss, threads).residuals(problem.start)
-    sound, notes = without_false_matches(block, problem, residual, complete)
-    if sound is not block:
-        block, problem = sound, make_problem(sound, model)
+    residual, behind = Normal(problem, loss, threads).residuals(problem.start)
+    lost = _wild_starts(problem, residual)
+    if behind:
+        block, more = _in_front(block, problem, residual, lost)
+        notes += more
+    elif lost:
+        block = _without_starts(block, lost)
+    if behind or lost:
+        problem = make_problem(block, model)
     del residual  # as large as the observations
 
     problem = scaled_by_distances(problem)
@@ -398,6 +413,11 @@ def _without_image(
     return found
 
 
+def _begun(block: Block) -> Block:
+    """The block with what has no start value filled in."""
+    return complete(block) if _incomplete(block) else block
+
+
 def complete(block: Block, progress: Callable[[Progress], None] | None = None) -> Block:
     """The block with every pose and every point filled in; what is given is kept as it is.
 
@@ -446,6 +466,62 @@ def _incomplete(block: Block) -> bool:
         if not (known.all() or known[getattr(block, table)["point"].array.codes].all()):
             return True
     return False
+
+
+def _wild_starts(problem: Problem, residual: np.ndarray) -> set[str]:
+    """Names of the few points whose start lies beyond the picture of an image that sees others.
+
+    Start values do not shape a result; one that is wild leads every image astray on the way.
+    residual (n, 2): px, of the start.
+    """
+    size = problem.images.size
+    # Nearly always none: what follows is as large as the observations, several times.
+    highest, lowest = (by.reduce(residual, axis=None, initial=0.0) for by in (np.fmax, np.fmin))
+    if max(highest, -lowest) <= size.min():
+        return set()
+    far = (np.abs(residual) > size[problem.img]).any(axis=1)
+    seen, lost = (
+        np.bincount(images, minlength=problem.image_count)
+        for images in (problem.img, problem.img[far])
+    )
+    names = _names_of(problem, far & (2 * lost < seen)[problem.img])
+    return names if len(names) <= _WILD * (len(problem.ptr) - 1) else set()
+
+
+def _without_starts(block: Block, names: set[str]) -> Block:
+    """The block with tie points of these names intersected anew."""
+    block = block.copy()
+    lost = block.points["point"].isin(names)
+    block.points.loc[lost, ["x", "y", "z"]] = np.nan
+    return complete(block)
+
+
+def _in_front(
+    block: Block, problem: Problem, residual: np.ndarray, wild: set[str]
+) -> tuple[Block, list[str]]:
+    """The block with points that start behind a camera, or wild, intersected anew or left out."""
+    behind = np.isnan(residual[:, 0])
+    count = np.bincount(problem.img, minlength=problem.image_count)
+    hidden = np.bincount(problem.img[behind], minlength=problem.image_count)
+    blind = np.flatnonzero(hidden == count)
+    if len(blind):
+        row = problem.order[blind].min()
+        more = f" ({len(blind) - 1} more images too)" if len(blind) > 1 else ""
+        raise InputError(
+            f"{block.where('images', row)}: all points of image "
+            f"{block.images['image'].iloc[row]} lie behind it{more}: check its quaternion (world "
+            "to camera, qw first) and its position"
+        )
+    block = _without_starts(block, _names_of(problem, behind) | wild)
+    again = make_problem(block)
+    residual, still = Normal(again, Loss()).residuals(again.start)
+    if not still:
+        return block, []
+    hopeless = _names_of(again, np.isnan(residual[:, 0]))
+    return without_ties(block, hopeless), [
+        f"{len(hopeless)} tie points lie behind a camera that measured them and are left out "
+        f"({some(sorted(hopeless), 5)}): their matches are wrong."
+    ]
 
 
 def _fallen(problem: Problem, state: State) -> set[str]:

@@ -2,20 +2,24 @@
 
 Programs that check matches by their geometry leave none; of raw matches some join images that do
 not see each other. Ten such rays among 9,000 led a whole block astray: to squares, one of them
-counts as much as a million others.
+counts as much as a million others. A robust loss alone does not get there from where they lead.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 
-from corridor.core.adjustment.model import Loss
+from corridor.core.adjustment.gross_errors import NO_SAY, Again
+from corridor.core.adjustment.left_out import adjustable_part
+from corridor.core.adjustment.model import Loss, Model
 from corridor.core.adjustment.normal import Normal
-from corridor.core.adjustment.problem import Problem, make_problem
-from corridor.core.block import Block, is_among
+from corridor.core.adjustment.problem import make_problem
+from corridor.core.adjustment.result import Adjustment
+from corridor.core.block import Block, is_among, with_rigid_poses
 from corridor.core.errors import InputError, some
 from corridor.core.output import counted
 
@@ -25,53 +29,77 @@ _TYPICAL, _SHARE = 10.0, 0.05
 # Of more rays than this share, it is the start values that are wrong.
 _MOST = 0.25
 _ROUNDS = 4
+# Robust adjustments, each without what the one before shows.
+_ROBUST = 3
 
 
-def without_false_matches(
-    block: Block, problem: Problem, residual: np.ndarray, begin: Callable[[Block], Block]
-) -> tuple[Block, list[str]]:
-    """The block without them, points that begin wildly intersected anew, and sentences.
+def with_true_matches(
+    block: Block,
+    model: Model,
+    again: Again,
+    whole: Callable[[Block], Adjustment],
+    begin: Callable[[Block], Block],
+) -> Adjustment:
+    """Adjusted without them: without rays that miss at the start, then without those that a robust
+    loss shows to be gross.
+
+    For blocks that cannot be adjusted with them: of a rough start, as of a shutter that is missing,
+    a ray may lie as far off that is none of them. begin: fills starts in.
+    Raises InputError where there are none, or too many.
+    """
+    sound = _without_what_misses(begin(with_rigid_poses(block)), begin)
+    for _ in range(_ROBUST):
+        # Where it has not converged, it does so without the worst.
+        robust = again(sound, replace(model, loss=NO_SAY))
+        ties = robust.residuals["tie"]
+        gross = ties.loc[ties["gross"], ["point", "image"]].astype(str)
+        sound = _without(sound, set(gross.itertuples(index=False, name=None)))
+        sound, _ = adjustable_part(sound, model)
+        if robust.converged:
+            break
+    before, after = (part.tie_points["point"].value_counts() for part in (block, sound))
+    fewer = before.index[after.reindex(before.index, fill_value=0) < before]
+    gone = len(block.tie_points) - len(sound.tie_points)
+    if not 0 < gone <= _MOST * len(block.tie_points):
+        raise InputError("no few matches lie far from where all else puts their points")
+    found = whole(sound)
+    found.add_note(
+        f"{counted(gone, 'tie point observation')} left out, far from where all else puts the "
+        f"point, or behind the camera ({some(sorted(fewer.astype(str)), 5)}): their matches are "
+        "wrong."
+    )
+    return found
+
+
+def _without_what_misses(block: Block, begin: Callable[[Block], Block]) -> Block:
+    """The block without rays that miss at the start.
 
     A ray is left out where most others of its point show it where it starts; else the start of the
     point may be wild, and where it was intersected anew and one ray still passes it, its rays do
-    not meet. residual (n, 2): px, at the start, NaN behind the camera. begin: fills starts in.
-    Raises InputError where all points of an image lie behind it.
+    not meet.
     """
-    rays, points = _false(problem, residual)
-    if not (len(rays) or points):
-        return block, []
-    _refuse_blind(block, problem, residual)
-    measured, named = len(block.tie_points), set(problem.point_names[problem.point_of_ray[rays]])
-    block = _without_rays(block, problem, rays)
+    rays, points = _false(block)
+    block = _without(block, rays)
     if points:
         block = block.copy()
         begun = is_among(block.points["point"], list(points))
         block.points.loc[begun, ["x", "y", "z"]] = np.nan
         block = begin(block)
-        problem = make_problem(block)
-        rays, lost = _false(problem, Normal(problem, Loss()).residuals(problem.start)[0])
-        lost |= set(problem.point_names[problem.point_of_ray[rays]])
-        named |= lost
-        block = without_ties(block, lost)
-    gone = measured - len(block.tie_points)
-    if not gone:
-        return block, []
-    return block, [
-        f"{counted(gone, 'tie point observation')} left out, far from where all else puts the "
-        f"point, or behind the camera ({some(sorted(named), 5)}): their matches are wrong."
-    ]
+        rays, lost = _false(block)
+        block = without_ties(block, lost | {point for point, _ in rays})
+    return block
 
 
-def _false(problem: Problem, residual: np.ndarray) -> tuple[np.ndarray, set[str]]:
-    """False rays (k,) of tie points that most rays show where they start, and names of the other
-    points that have false rays."""
+def _false(block: Block) -> tuple[set[tuple[str, str]], set[str]]:
+    """Point and image of the false rays of points that most rays show where they start, and names
+    of the other tie points that have false rays."""
+    problem = make_problem(block)
+    residual, _ = Normal(problem, Loss()).residuals(problem.start)
     size = problem.images.size.min(axis=1)
-    # Nearly always nothing: what follows is as large as the observations, several times.
-    highest, lowest = (by.reduce(residual, axis=None, initial=0.0) for by in (np.fmax, np.fmin))
     bad = behind = np.isnan(residual[:, 0])
     image, point = problem.img, problem.point_of_ray
     # An image that has many false rays is known by the others, once most of these are found.
-    for _ in range(_ROUNDS if max(highest, -lowest) > _SHARE * size.min() else 0):
+    for _ in range(_ROUNDS):
         middle = _by_image(residual[~bad], image[~bad], len(size))
         off = np.abs(residual - middle[image]).max(axis=1)
         typical = _by_image(off[~bad], image[~bad], len(size))[:, 0]
@@ -83,7 +111,9 @@ def _false(problem: Problem, residual: np.ndarray) -> tuple[np.ndarray, set[str]
     wrong, count = np.bincount(point[bad], minlength=len(problem.ptr) - 1), np.diff(problem.ptr)
     ties = is_among(pd.Index(problem.point_names), problem.block.tie_points["point"])
     shown = ties & (2 * wrong < count)
-    return np.flatnonzero(bad & shown[point]), set(problem.point_names[(wrong > 0) & ~shown])
+    rays = np.flatnonzero(bad & shown[point])
+    of = problem.point_names[point[rays]], problem.images.names[image[rays]]
+    return set(zip(*of, strict=True)), set(problem.point_names[ties & (wrong > 0) & ~shown])
 
 
 def _by_image(values: np.ndarray, image: np.ndarray, count: int) -> np.ndarray:
@@ -91,33 +121,13 @@ def _by_image(values: np.ndarray, image: np.ndarray, count: int) -> np.ndarray:
     return pd.DataFrame(values).groupby(image).median().reindex(range(count)).to_numpy()
 
 
-def _refuse_blind(block: Block, problem: Problem, residual: np.ndarray) -> None:
-    """Raise InputError where all points of an image lie behind it."""
-    behind = np.isnan(residual[:, 0])
-    hidden, count = (
-        np.bincount(of, minlength=problem.image_count) for of in (problem.img[behind], problem.img)
-    )
-    blind = np.flatnonzero(hidden == count)
-    if len(blind):
-        row = problem.order[blind].min()
-        more = f" ({len(blind) - 1} more images too)" if len(blind) > 1 else ""
-        raise InputError(
-            f"{block.where('images', row)}: all points of image "
-            f"{block.images['image'].iloc[row]} lie behind it{more}: check its quaternion (world "
-            "to camera, qw first) and its position"
-        )
-
-
-def _without_rays(block: Block, problem: Problem, rays: np.ndarray) -> Block:
-    """The block without what images measured of tie points, for some rays (k,) of a problem."""
-    if not len(rays):
-        return block
-    ties, points = block.tie_points, problem.point_names[problem.point_of_ray[rays]]
-    false = set(zip(points, problem.images.names[problem.img[rays]], strict=True))
-    rows = np.flatnonzero(is_among(ties["point"], list(set(points))))
+def _without(block: Block, rays: set[tuple[str, str]]) -> Block:
+    """The block without what images measured of tie points, by the names of point and image."""
+    ties = block.tie_points
+    rows = np.flatnonzero(is_among(ties["point"], list({point for point, _ in rays})))
     pairs = ties[["point", "image"]].iloc[rows].astype(str).itertuples(index=False, name=None)
     kept = np.ones(len(ties), dtype=bool)
-    kept[rows] = [pair not in false for pair in pairs]
+    kept[rows] = [pair not in rays for pair in pairs]
     return _with_ties(block, kept)
 
 

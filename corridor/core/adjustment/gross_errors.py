@@ -23,7 +23,7 @@ from corridor.core.geometry import GROSS, OUTLIER, robust_scale_of_lengths
 from corridor.core.output import counted
 
 # A robust loss that gross errors have no say in.
-_LOSS = "cauchy:2"
+NO_SAY = "cauchy:2"
 # More than this share of the marks, or of the positions of a flight, is no handful.
 _MOST = 0.4
 # A mark belongs to the point that it lies nearest to, by so much of the distance of its own.
@@ -159,7 +159,7 @@ def _without_marks(result: Adjustment, again: Again, notes: list[str]) -> Adjust
     if not len(result.residuals["mark"]) or not result.residuals["mark"]["gross"].any():
         return result
     block, model = result.start, result.problem.model
-    robust = again(block, replace(model, loss=_LOSS))
+    robust = again(block, replace(model, loss=NO_SAY))
     table = robust.residuals["mark"]
     length = np.hypot(table["vx"], table["vy"]).to_numpy() / table["sigma"].to_numpy()
     wrong = length > GROSS * robust_scale_of_lengths(length, least=1.0)

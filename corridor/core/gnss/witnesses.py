@@ -286,7 +286,7 @@ def _cause(names, time, off, way, design) -> str:
     share = np.linspace(0.0, 1.0, _TRIED + 2)[1:-1]
     steps = np.unique((share * len(time)).astype(int).clip(2, len(time) - 2))
     clocks = [time - time.mean(), *(time >= time[k] for k in steps)]
-    alone = np.linalg.norm(off - design @ _solved(design, off))
+    alone = float(np.linalg.norm(off - design @ _solved(design, off)))
     best, rest, found = "", _CLEARLY_BETTER * alone, 0.0
     for k, late in enumerate(clocks):
         whole = np.concatenate([design, (late[:, None] * way)[:, :, None]], axis=2)

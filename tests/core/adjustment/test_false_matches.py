@@ -40,6 +40,7 @@ def with_false_matches(block, share, seed):
     return block.with_(tie_points=both.drop_duplicates(["image", "point"]).reset_index(drop=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.01, 0.05, 0.25])
 def test_false_matches_with_images_far_off_change_nothing(dike, sound, share):
     """One in a hundred led the block 370 m astray."""
@@ -50,6 +51,24 @@ def test_false_matches_with_images_far_off_change_nothing(dike, sound, share):
     assert 1e3 * np.abs(off.to_numpy()).max() < 1e-6
     (told,) = [note for note in found.warnings if "their matches are wrong" in note]
     assert told.startswith(f"{len(block.tie_points) - len(dike.tie_points)} tie point observations")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("loss", ["squares", "huber:2"])
+@pytest.mark.parametrize("share, size_px", [(0.01, 100.0), (0.05, 300.0), (0.15, 30.0)])
+def test_gross_measurements_are_left_out_and_told(dike, sound, share, size_px, loss):
+    """One in a hundred, off by 100 px, moved images by 2.2 m beside a sigma naught of 26."""
+    rng = np.random.default_rng(3)
+    ties = dike.tie_points.copy()
+    wrong = rng.random(len(ties)) < share
+    ties.loc[wrong, ["x", "y"]] += rng.normal(0.0, size_px, (wrong.sum(), 2))
+    camera = next(iter(dike.cameras.values()))
+    ties["x"], ties["y"] = ties["x"].clip(1, camera.width - 1), ties["y"].clip(1, camera.height - 1)
+    found = corridor.adjust(dike.with_(tie_points=ties), loss=loss)
+    off = found.block.images[["x", "y", "z"]] - sound.block.images[["x", "y", "z"]]
+    assert found.converged and found.sigma0 < 1.1
+    assert np.abs(off.to_numpy()).max() < 0.05
+    assert [note for note in found.warnings if "their matches are wrong" in note]
 
 
 def test_a_block_is_begun_from_the_images_that_are_adjusted(dike):

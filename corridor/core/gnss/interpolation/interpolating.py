@@ -329,7 +329,7 @@ def _epochs(track: pd.DataFrame, velocities: bool, notes: list[str]) -> regimes.
     stated = sigma is not None
     if stated:
         notes += _of_unsure(track, sigma)
-        notes += _of_units(*(track[c].to_numpy(float) for c in ("time_s", _POSITION)), sigma)
+        notes += _of_units(track["time_s"].to_numpy(float), track[_POSITION].to_numpy(float), sigma)
         # GrafNav's own quality follows from its standard deviations, and says no more than they.
         if "grafnav_quality" not in track:
             sigma = _by_quality(sigma, quality, notes)

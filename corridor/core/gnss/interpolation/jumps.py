@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from scipy.ndimage import maximum_filter1d
 
 from corridor.core.geometry import robust_scale
 from corridor.core.gnss.interpolation.segmenting import stated_sigmas
@@ -77,6 +76,8 @@ def jumps(track: pd.DataFrame, pieces: pd.DataFrame) -> tuple[list[Jump], dict[i
 def _alone(by: np.ndarray, noise: np.ndarray, step: np.ndarray) -> list[int]:
     """Rows of differences (n, 3), m, that stand out by their noise and the scatter of all, beyond
     what a drone flies within a step (n,), s, and alone."""
+    from scipy.ndimage import maximum_filter1d  # at first use: few blocks have a track
+
     scatter = np.array([robust_scale(axis) for axis in by.T])
     size = np.linalg.norm(by / np.maximum(np.maximum(noise, scatter), 1e-9), axis=1)
     metres = np.linalg.norm(by, axis=1)
@@ -84,7 +85,7 @@ def _alone(by: np.ndarray, noise: np.ndarray, step: np.ndarray) -> list[int]:
     most = _OF_JERK * _JERK * maximum_filter1d(step, 2 * _REACH - 1) ** 3
     found = []
     for k in np.flatnonzero((size > _SIGMAS) & (metres > most)):
-        near = np.arange(max(k - _NEAR, 0), min(k + _NEAR + 1, len(size)))
+        near = np.arange(max(int(k) - _NEAR, 0), min(int(k) + _NEAR + 1, len(size)))
         beside = near[np.abs(near - k) >= _REACH + _RUN]
         if size[k] == size[near].max() and metres[beside].max(initial=0.0) <= _LONE * metres[k]:
             found.append(int(k))
