@@ -233,7 +233,8 @@ def _with_ground_as_seen(
     wrecked = failure is not None or not result.converged or result.sigma0 > _WRECKED
     if wrecked or result.sigma0 > _MISFIT:
         found = where_it_leads(with_true_matches, block, model, again, whole, _begun)
-        if found and (failure or found.sigma0 < result.sigma0 / CONTRADICTING_FACTOR):
+        lost = failure or not result.converged
+        if found and (lost or found.sigma0 < result.sigma0 / CONTRADICTING_FACTOR):
             return found, []
     # A robust loss takes marks of points that lie elsewhere for wrong ones.
     if wrecked or _many_wrong_marks(result) or implausible(result):
