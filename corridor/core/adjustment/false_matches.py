@@ -29,6 +29,9 @@ _TYPICAL, _SHARE = 10.0, 0.05
 # Of more rays than this share, it is the start values that are wrong.
 _MOST = 0.25
 _ROUNDS = 4
+# An image of which this share is gross, and so many times as much as of nine in ten, is another
+# picture, or of another size, or mirrored.
+_ALL, _BEYOND = 0.5, 3.0
 # Robust adjustments, each without what the one before shows.
 _ROBUST = 3
 
@@ -48,26 +51,39 @@ def with_true_matches(
     Raises InputError where there are none, or too many.
     """
     sound = _without_what_misses(begin(with_rigid_poses(block)), begin)
+    images: set[str] = set()
     for _ in range(_ROBUST):
         # Where it has not converged, it does so without the worst.
         robust = again(sound, replace(model, loss=NO_SAY))
-        ties = robust.residuals["tie"]
-        gross = ties.loc[ties["gross"], ["point", "image"]].astype(str)
+        ties = robust.residuals["tie"].astype({"point": str, "image": str})
+        gross = ties.loc[ties["gross"], ["point", "image"]]
+        of = ties.groupby("image")["gross"].mean()
+        images |= set(of.index[of > max(_ALL, _BEYOND * of.quantile(0.9))])
         sound = _without(sound, set(gross.itertuples(index=False, name=None)))
+        if images:
+            sound = sound.select(images=[n for n in sound.images["image"] if n not in images])
         sound, _ = adjustable_part(sound, model)
         if robust.converged:
             break
-    before, after = (part.tie_points["point"].value_counts() for part in (block, sound))
-    fewer = before.index[after.reindex(before.index, fill_value=0) < before]
     gone = len(block.tie_points) - len(sound.tie_points)
     if not 0 < gone <= _MOST * len(block.tie_points):
         raise InputError("no few matches lie far from where all else puts their points")
     found = whole(sound)
-    found.add_note(
-        f"{counted(gone, 'tie point observation')} left out, far from where all else puts the "
-        f"point, or behind the camera ({some(sorted(fewer.astype(str)), 5)}): their matches are "
-        "wrong."
-    )
+    rest = block.tie_points[~is_among(block.tie_points["image"], list(images))]
+    if len(rest) > len(sound.tie_points):
+        before, after = (ties["point"].value_counts() for ties in (rest, sound.tie_points))
+        fewer = before.index[after.reindex(before.index, fill_value=0) < before].astype(str)
+        found.add_note(
+            f"{counted(len(rest) - len(sound.tie_points), 'tie point observation')} left out, far "
+            "from where all else puts the point, or behind the camera "
+            f"({some(sorted(fewer), 5)}): their matches are wrong."
+        )
+    if images:
+        found.add_note(
+            f"{counted(len(images), 'image')} left out ({some(sorted(images), 5)}): most of what "
+            f"{'it' if len(images) == 1 else 'they'} measured lies elsewhere. Another picture or "
+            "picture size, mirrored, or with the names of other points?"
+        )
     return found
 
 

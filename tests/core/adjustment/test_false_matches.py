@@ -71,6 +71,37 @@ def test_gross_measurements_are_left_out_and_told(dike, sound, share, size_px, l
     assert [note for note in found.warnings if "their matches are wrong" in note]
 
 
+MISTAKES = {
+    "points of another image": lambda xy, size: xy[::-1],
+    "mirrored": lambda xy, size: np.column_stack([size[0] - xy[:, 0], xy[:, 1]]),
+    "half as large": lambda xy, size: xy / 2,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_images_of_which_all_is_wrong_are_left_out_and_named(dike, sound, mistake):
+    """Two of 42 drew the others 50 m along."""
+    camera = next(iter(dike.cameras.values()))
+    asked = dike.images["image"].astype(str).iloc[[10, 25]].tolist()
+    tables = {}
+    for table in ("tie_points", "marks"):
+        rows = tables[table] = getattr(dike, table).copy()
+        for image in asked:
+            mine = (rows["image"] == image).to_numpy()
+            xy = rows.loc[mine, ["x", "y"]].to_numpy()
+            rows.loc[mine, ["x", "y"]] = MISTAKES[mistake](xy, (camera.width, camera.height))
+    found = corridor.adjust(dike.with_(**tables))
+    before, after = (
+        one.block.images.set_index(one.block.images["image"].astype(str))[["x", "y", "z"]]
+        for one in (sound, found)
+    )
+    assert set(before.index) - set(after.index) == set(asked)
+    assert np.abs(after - before.loc[after.index]).to_numpy().max() < 0.02
+    (told,) = [note for note in found.warnings if "measured lies elsewhere" in note]
+    assert all(image in told for image in asked)
+
+
 def test_a_block_is_begun_from_the_images_that_are_adjusted(dike):
     """Some are left out on the way: what is begun again has no rows of them."""
     some = dike.images["image"].astype(str)[:12]
