@@ -186,7 +186,7 @@ def adjust(
         return with_ground_doubts(found) if weights == "estimated" else found
 
     try:
-        result, exchanged = _with_ground_as_seen(block, model, whole, again)
+        result, exchanged = _with_ground_as_seen(block, model, whole, again, run.strict)
         left_out += exchanged
     except (InputError, AdjustmentFailed) as error:
         if not doubtful:
@@ -221,7 +221,11 @@ def refit(
 
 
 def _with_ground_as_seen(
-    block: Block, model: Model, whole: Callable[[Block], Adjustment], again: Callable
+    block: Block,
+    model: Model,
+    whole: Callable[[Block], Adjustment],
+    again: Callable,
+    strict: bool,
 ) -> tuple[Adjustment, list[str]]:
     """The block adjusted; where that fails, or no camera is so, without false matches or exchanged
     ground points."""
@@ -231,7 +235,7 @@ def _with_ground_as_seen(
     except (InputError, AdjustmentFailed) as error:
         failure = error
     wrecked = failure is not None or not result.converged or result.sigma0 > _WRECKED
-    if wrecked or result.sigma0 > _MISFIT:
+    if not strict and (wrecked or result.sigma0 > _MISFIT):
         found = where_it_leads(with_true_matches, block, model, again, whole, _begun)
         lost = failure or not result.converged
         if found and (lost or found.sigma0 < result.sigma0 / CONTRADICTING_FACTOR):
