@@ -143,6 +143,8 @@ def adjust(
     A focal length that block.toml says is stated (`f_stated`, by photographs) is a prior of a
     camera that is free. Antenna positions too coarse to see a lever arm are assumed to be so rather
     than known: where they scatter otherwise, that is used and said.
+    Where it fails, or sigma naught is beyond three, false matches and images of which all is wrong
+    are looked for; they are left out and told where sigma naught falls by half; never if strict.
     Missing start values are made (`corridor.adjustment.initial`). A block with neither control
     nor GNSS is adjusted as a free network, laid on its start poses as a whole.
     Raises InputError where the block cannot be adjusted as asked, AdjustmentFailed where the
