@@ -236,10 +236,11 @@ def _with_ground_as_seen(
         result = whole(block)
     except (InputError, AdjustmentFailed) as error:
         failure = error
-    wrecked = failure is not None or not result.converged or result.sigma0 > _WRECKED
-    if not strict and (wrecked or result.sigma0 > _MISFIT):
+    lost = failure is not None or not result.converged
+    wrecked = lost or result.sigma0 > _WRECKED
+    # What a model lacks is in all residuals: none is gross.
+    if not strict and (lost or result.sigma0 > _MISFIT and result.residuals["tie"]["gross"].any()):
         found = where_it_leads(with_true_matches, block, model, again, whole, _begun)
-        lost = failure or not result.converged
         if found and (lost or found.sigma0 < result.sigma0 / CONTRADICTING_FACTOR):
             return found, []
     # A robust loss takes marks of points that lie elsewhere for wrong ones.
