@@ -144,7 +144,7 @@ def adjust(
     camera that is free. Antenna positions too coarse to see a lever arm are assumed to be so rather
     than known: where they scatter otherwise, that is used and said.
     Where it fails, or sigma naught is beyond three, false matches and images of which all is wrong
-    are looked for; they are left out and told where sigma naught falls by half; never if strict.
+    are looked for; left out and told where the rest fits (sigma naught below two); never if strict.
     Missing start values are made (`corridor.adjustment.initial`). A block with neither control
     nor GNSS is adjusted as a free network, laid on its start poses as a whole.
     Raises InputError where the block cannot be adjusted as asked, AdjustmentFailed where the
@@ -241,7 +241,9 @@ def _with_ground_as_seen(
     # What a model lacks is in all residuals: none is gross.
     if not strict and (lost or result.sigma0 > _MISFIT and result.residuals["tie"]["gross"].any()):
         found = where_it_leads(with_true_matches, block, model, again, whole, _begun)
-        if found and (lost or found.sigma0 < result.sigma0 / CONTRADICTING_FACTOR):
+        # Where the rest does not fit either, it is the model: a shutter on a rocking wing, say.
+        fits = found is not None and found.sigma0 < CONTRADICTING_FACTOR
+        if fits and (lost or found.sigma0 < result.sigma0 / CONTRADICTING_FACTOR):
             return found, []
     # A robust loss takes marks of points that lie elsewhere for wrong ones.
     if wrecked or _many_wrong_marks(result) or implausible(result):
