@@ -231,31 +231,35 @@ def _with_ground_as_seen(
 ) -> tuple[Adjustment, list[str]]:
     """The block adjusted; where that fails, or no camera is so, without false matches or exchanged
     ground points."""
-    failure: InputError | AdjustmentFailed | None = None
+    result: Adjustment | None = None
     try:
         result = whole(block)
     except (InputError, AdjustmentFailed) as error:
         failure = error
-    lost = failure is not None or not result.converged
-    wrecked = lost or result.sigma0 > _WRECKED
-    # What a model lacks is in all residuals: none is gross.
-    if not strict and (lost or result.sigma0 > _MISFIT and result.residuals["tie"]["gross"].any()):
+    wrecked = result is None or not result.converged or result.sigma0 > _WRECKED
+    if not strict and (result is None or _misfits(result)):
         found = where_it_leads(with_true_matches, block, model, again, whole, _begun)
         # Where the rest does not fit either, it is the model: a shutter on a rocking wing, say.
-        fits = found is not None and found.sigma0 < CONTRADICTING_FACTOR
-        if fits and (lost or found.sigma0 < result.sigma0 / CONTRADICTING_FACTOR):
-            return found, []
+        if found and found.converged and found.sigma0 < CONTRADICTING_FACTOR:
+            if result is None or wrecked or found.sigma0 < result.sigma0 / CONTRADICTING_FACTOR:
+                return found, []
     # A robust loss takes marks of points that lie elsewhere for wrong ones.
-    if wrecked or _many_wrong_marks(result) or implausible(result):
+    if result is None or wrecked or _many_wrong_marks(result) or implausible(result):
         sound, notes = without_exchanged(block, model, again)
         if notes:
             try:
                 return whole(sound), notes
             except (InputError, AdjustmentFailed) as error:
                 raise type(error)(f"{notes[0]} So: {error}") from None
-    if failure is not None:
+    if result is None:
         raise failure
     return result, []
+
+
+def _misfits(result: Adjustment) -> bool:
+    """Whether single matches may be what does: what a model lacks is in all, and none is gross."""
+    some_gross = not result.converged or result.residuals["tie"]["gross"].any()
+    return bool(result.sigma0 > _MISFIT and some_gross)
 
 
 def _many_wrong_marks(result: Adjustment) -> bool:

@@ -12,6 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+from scipy.spatial import cKDTree
 
 from corridor.core.adjustment.gross_errors import NO_SAY, Again
 from corridor.core.adjustment.left_out import adjustable_part
@@ -23,9 +24,10 @@ from corridor.core.block import Block, is_among, with_rigid_poses
 from corridor.core.errors import InputError, some
 from corridor.core.output import counted
 
-# Start poses are off too, but an image as a whole: a ray is false that differs from the middle of
-# its image by so many times what rays of it typically do, and by this share of the picture.
-_TYPICAL, _SHARE = 10.0, 0.05
+# Start poses are off too, but an image as a whole, and what a model lacks bends it smoothly: a ray
+# is false that differs from the middle of its image, and from so many about it, by so many times
+# what rays of it typically do, and by this share of the picture.
+_ABOUT, _TYPICAL, _SHARE = 8, 10.0, 0.05
 # Of more rays than this share, it is the start values that are wrong.
 _MOST = 0.25
 _ROUNDS = 4
@@ -56,7 +58,10 @@ def with_true_matches(
         # Where it has not converged, it does so without the worst.
         robust = again(sound, replace(model, loss=NO_SAY))
         ties = robust.residuals["tie"].astype({"point": str, "image": str})
-        gross = ties.loc[ties["gross"], ["point", "image"]]
+        number, names = ties["image"].factorize()
+        apart = _alone(ties[["vx", "vy"]].to_numpy(), number, ties[["x", "y"]].to_numpy())
+        alone = apart > _TYPICAL * _by_image(apart, number, len(names))[number, 0]
+        gross = ties.loc[ties["gross"] & alone, ["point", "image"]]
         of = ties.groupby("image")["gross"].mean()
         images |= set(of.index[of > max(_ALL, _BEYOND * of.quantile(0.9))])
         sound = _without(sound, set(gross.itertuples(index=False, name=None)))
@@ -119,9 +124,11 @@ def _false(block: Block) -> tuple[set[tuple[str, str]], set[str]]:
         middle = _by_image(residual[~bad], image[~bad], len(size))
         off = np.abs(residual - middle[image]).max(axis=1)
         typical = _by_image(off[~bad], image[~bad], len(size))[:, 0]
-        before, bad = bad, ~(off <= np.fmax(_TYPICAL * typical, _SHARE * size)[image])
+        least = np.fmax(_TYPICAL * typical, _SHARE * size)[image]
+        before, bad = bad, ~(off <= least)
         if (bad == before).all():
             break
+    bad &= behind | (_alone(residual, image, problem.xy) > least)
     if bad.mean() > _MOST:
         bad = behind
     wrong, count = np.bincount(point[bad], minlength=len(problem.ptr) - 1), np.diff(problem.ptr)
@@ -135,6 +142,22 @@ def _false(block: Block) -> tuple[set[tuple[str, str]], set[str]]:
 def _by_image(values: np.ndarray, image: np.ndarray, count: int) -> np.ndarray:
     """Medians (count, k) of values (n,) or (n, k) by image; NaN for an image without any."""
     return pd.DataFrame(values).groupby(image).median().reindex(range(count)).to_numpy()
+
+
+def _alone(residual: np.ndarray, image: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """By how much each residual (n, 2) differs from those about it in its image, px; NaN: unknown.
+
+    image (n,): its number. place (n, 2): of each in the picture, px.
+    """
+    alone = np.full(len(image), np.nan)
+    known = np.flatnonzero(~np.isnan(residual[:, 0]))
+    known = known[np.argsort(image[known], kind="stable")]
+    for mine in np.split(known, np.flatnonzero(np.diff(image[known])) + 1):
+        if len(mine) > 1:
+            _, about = cKDTree(place[mine]).query(place[mine], k=min(_ABOUT + 1, len(mine)))
+            middle = np.median(residual[mine[about[:, 1:]]], axis=1)
+            alone[mine] = np.abs(residual[mine] - middle).max(axis=1)
+    return alone
 
 
 def _without(block: Block, rays: set[tuple[str, str]]) -> Block:

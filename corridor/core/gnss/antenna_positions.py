@@ -28,6 +28,8 @@ _SETTINGS = "block.toml"
 # Third differences of positions in metres scatter by more than this; of the last digit, what the
 # arithmetic of a float leaves.
 _NO_METRES, _ON_STEP = 2e-5, 1e-3
+# No flight goes so far in degrees, nor so short a way in metres.
+_FLIGHT = 1.0
 _LEAST_OF_FLIGHT = 3  # images, for one of them to stand out
 # A drone that takes photographs for so long and moves by less is not on a survey.
 _STOOD_S, _STOOD_M = 20.0, 1.0
@@ -196,8 +198,8 @@ def _check_metres(track: Track) -> None:
     plan = track.table[["x", "y"]].to_numpy(float)
     if track.crs is not None or track.origin is not None or len(plan) < _LEAST_OF_FLIGHT + 3:
         return
-    scatter = robust_scale(np.diff(plan, 3, axis=0))
-    if (np.abs(plan) <= [180, 90]).all() and 0 < scatter < _NO_METRES and np.ptp(plan) > 0:
+    scatter, way = robust_scale(np.diff(plan, 3, axis=0)), np.ptp(plan, axis=0).max()
+    if (np.abs(plan) <= [180, 90]).all() and 0 < scatter < _NO_METRES and way < _FLIGHT:
         raise InputError(
             f"{track.source.name}: x and y look like longitude and latitude in degrees; convert "
             "them to metres, or give the receiver's own file"
