@@ -31,8 +31,11 @@ def plan(flights: Iterable[str], tilt_deg: float | None = None, **changes) -> Pl
 
 
 def adjusted(block: Block, camera: str = "fraser10") -> AbsoluteOrientation:
-    """Tie points alone, then laid on ten control points by a similarity (section 4.2.2)."""
-    return lay_on_control(corridor.adjust(block, camera=camera, control=[]))
+    """Tie points alone, then laid on ten control points by a similarity (section 4.2.2).
+
+    Strictly: nothing that contradicts the rest is left out, for here it is what is asked for.
+    """
+    return lay_on_control(corridor.adjust(block, camera=camera, control=[], strict=True))
 
 
 def believed(block: Block, error: float) -> Block:
