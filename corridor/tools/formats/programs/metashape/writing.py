@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 
-from corridor.core.block import Block
+from corridor.core.block import Block, as_mounted, exposures_of, mountings_of, rigs_of
 from corridor.core.geometry import rotation_from_quaternion
 from corridor.core.gnss import (
     GEOCENTRIC,
@@ -83,14 +83,23 @@ def _interior_xml(parent, camera):
 
 
 def _document_xml(block):
-    """Root, chunk, and the elements of the cameras of a document without poses."""
+    """Root, chunk, and the elements of the cameras of a document without poses.
+
+    Sensors of a rig name that of its base, and where they hang in its frame; cameras name their
+    master, which alone is posed.
+    """
     root = ElementTree.Element("document", {"version": "2.0.0"})
     chunk = add_xml(root, "chunk", label=block.name, enabled="true")
     sensors = add_xml(chunk, "sensors", next_id=str(len(block.cameras)))
-    for number, camera in enumerate(block.cameras.values()):
+    number = {name: str(k) for k, name in enumerate(block.cameras)}
+    mounted = mountings_of(block) if as_mounted(block) else {}
+    bases = {name: rigs_of(block)[one.rig]["base"] for name, one in mounted.items()}
+    both = exposures_of(block)
+    masters = dict(zip(both.member.tolist(), both.base.tolist(), strict=True)) if mounted else {}
+    for camera in block.cameras.values():
         size = {"width": str(camera.width), "height": str(camera.height)}
         kind = "fisheye" if camera.fisheye else "frame"
-        sensor = add_xml(sensors, "sensor", id=str(number), label=camera.name, type=kind)
+        sensor = add_xml(sensors, "sensor", id=number[camera.name], label=camera.name, type=kind)
         add_xml(sensor, "resolution", **size)
         if camera.pixel_um:
             for key in ("pixel_width", "pixel_height"):
@@ -98,10 +107,16 @@ def _document_xml(block):
         calibration = add_xml(sensor, "calibration", type=kind, **{"class": "adjusted"})
         add_xml(calibration, "resolution", **size)
         _interior_xml(calibration, camera)
+        if camera.name in bases and bases[camera.name] != camera.name:
+            sensor.set("master_id", number[bases[camera.name]])
+            add_xml(sensor, "rotation", *mounted[camera.name].rotation.T.ravel())
+            add_xml(sensor, "location", *mounted[camera.name].place)
     cameras = add_xml(chunk, "cameras", next_id=str(len(block.images)), next_group_id="0")
-    number = {name: str(k) for k, name in enumerate(block.cameras)}
-    for k, (image, camera) in enumerate(block.images[["image", "camera"]].itertuples(index=False)):
-        add_xml(cameras, "camera", id=str(k), sensor_id=number[camera], label=image)
+    names = block.images["camera"].tolist()
+    for k, image in enumerate(block.images["image"]):
+        element = add_xml(cameras, "camera", id=str(k), sensor_id=number[names[k]], label=image)
+        if k in masters and names[masters[k]] == bases[names[k]]:
+            element.set("master_id", str(masters[k]))
     return root, chunk, cameras
 
 
@@ -111,7 +126,7 @@ def _cameras_xml(block, frame):
     pose = block.poses
     rotation = rotation_from_quaternion(np.nan_to_num(pose[:, 3:], nan=1.0))
     for k, (element, image) in enumerate(zip(cameras, block.images["image"], strict=True)):
-        if np.isfinite(pose[k]).all():
+        if np.isfinite(pose[k]).all() and element.get("master_id") is None:
             matrix = np.eye(4)
             matrix[:3, :3], matrix[:3, 3] = rotation[k].T, pose[k, :3]
             add_xml(element, "transform", *matrix.ravel())
