@@ -40,7 +40,7 @@ def same_rig(block, project):
         assert found[name].rotation == pytest.approx(turn, abs=1e-9)
 
 
-@pytest.mark.parametrize("form", ["colmap", "colmap-text", "metashape"])
+@pytest.mark.parametrize("form", ["colmap", "colmap-text", "opensfm", "metashape"])
 def test_a_rig_comes_back_with_its_mountings_and_exposures(block, led, form, tmp_path):
     block = led if form == "metashape" else block
     said = export_project(block, form, tmp_path / "model").sentences
@@ -48,7 +48,7 @@ def test_a_rig_comes_back_with_its_mountings_and_exposures(block, led, form, tmp
     same_rig(block, read_project(tmp_path / "model"))
 
 
-@pytest.mark.parametrize("form", ["colmap-text", "metashape"])
+@pytest.mark.parametrize("form", ["colmap-text", "opensfm", "metashape"])
 def test_images_that_stand_otherwise_go_alone_and_it_is_said(block, form, tmp_path):
     moved = block.copy()
     moved.images.loc[3, "x"] += 0.01
@@ -64,6 +64,14 @@ def test_metashape_has_no_exposure_without_the_base_and_it_is_said(block, tmp_pa
     images = back.images.set_index("image")
     assert np.isfinite(back.poses).all() and images["exposure"].isna()["left_001"]
     assert images["exposure"].notna().sum() == len(images) - 2
+
+
+def test_a_shot_of_no_rig_camera_is_refused(block, tmp_path):
+    export_project(block, "opensfm", tmp_path / "model")
+    path = tmp_path / "model" / "reconstruction.json"
+    path.write_text(path.read_text().replace('"left_001": "left"', '"left_001": "lef"'))
+    with pytest.raises(InputError, match="reconstruction.json.*rig_camera_ids names no rig camera"):
+        read_project(tmp_path / "model")
 
 
 class TestMmvii:

@@ -6,7 +6,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pandas as pd
 
-from corridor.core.block import Block, as_mounted, exposures_of, mountings_of, rigs_of
+from corridor.core.block import Block
 from corridor.core.geometry import rotation_from_quaternion
 from corridor.core.gnss import (
     GEOCENTRIC,
@@ -18,6 +18,7 @@ from corridor.core.gnss import (
 )
 from corridor.tools.formats.cameras import in_the_middle
 from corridor.tools.formats.frames import moved
+from corridor.tools.formats.hanging import Hanging
 from corridor.tools.formats.rows import camera_positions
 from corridor.tools.formats.textfile import add_xml, write_xml
 
@@ -92,10 +93,8 @@ def _document_xml(block):
     chunk = add_xml(root, "chunk", label=block.name, enabled="true")
     sensors = add_xml(chunk, "sensors", next_id=str(len(block.cameras)))
     number = {name: str(k) for k, name in enumerate(block.cameras)}
-    mounted = mountings_of(block) if as_mounted(block) else {}
-    bases = {name: rigs_of(block)[one.rig]["base"] for name, one in mounted.items()}
-    both = exposures_of(block)
-    masters = dict(zip(both.member.tolist(), both.base.tolist(), strict=True)) if mounted else {}
+    hanging = Hanging.of(block)
+    members = hanging.members()
     for camera in block.cameras.values():
         size = {"width": str(camera.width), "height": str(camera.height)}
         kind = "fisheye" if camera.fisheye else "frame"
@@ -107,16 +106,16 @@ def _document_xml(block):
         calibration = add_xml(sensor, "calibration", type=kind, **{"class": "adjusted"})
         add_xml(calibration, "resolution", **size)
         _interior_xml(calibration, camera)
-        if camera.name in bases and bases[camera.name] != camera.name:
-            sensor.set("master_id", number[bases[camera.name]])
-            add_xml(sensor, "rotation", *mounted[camera.name].rotation.T.ravel())
-            add_xml(sensor, "location", *mounted[camera.name].place)
+        if camera.name in members:
+            sensor.set("master_id", number[hanging.base[camera.name]])
+            add_xml(sensor, "rotation", *members[camera.name].rotation.T.ravel())
+            add_xml(sensor, "location", *members[camera.name].place)
     cameras = add_xml(chunk, "cameras", next_id=str(len(block.images)), next_group_id="0")
     names = block.images["camera"].tolist()
-    for k, image in enumerate(block.images["image"]):
+    for k, (image, first) in enumerate(zip(block.images["image"], hanging.together, strict=True)):
         element = add_xml(cameras, "camera", id=str(k), sensor_id=number[names[k]], label=image)
-        if k in masters and names[masters[k]] == bases[names[k]]:
-            element.set("master_id", str(masters[k]))
+        if first != k and names[first] == hanging.base[names[k]]:
+            element.set("master_id", str(first))
     return root, chunk, cameras
 
 
