@@ -111,6 +111,25 @@ def test_text_has_its_day_and_its_sigmas(tmp_path):
     assert found.attitudes[["sroll", "spitch", "syaw"]].to_numpy().tolist() == [[0.02, 0.03, 0.08]]
 
 
+def test_a_smoothed_track_is_not_as_good_as_it_is_smooth(tmp_path):
+    """Its scatter says nothing of its errors: sigmas are those beside it, or assumed and told."""
+    path = sbet(tmp_path / "sbet_mission.out")
+    bare, _ = at(read_track(path), 1.0)
+    assert bare.track.table[["sx", "sz"]].to_numpy()[0].tolist() == [0.02, 0.04]
+    assert any("states no standard deviations" in note for note in bare.notes)
+    (tmp_path / "smrmsg_mission.out").write_bytes(b"".join(
+        struct.pack("<10d", 196706.0 + t, 0.03, 0.05, 0.07, 0, 0, 0, 1.5, 3.0, 6.0) for t in (0, 2)
+    ))  # fmt: skip
+    found, _ = at(read_track(path), 1.0)
+    assert found.attitudes[["sroll", "spitch", "syaw"]].to_numpy()[0] == pytest.approx(
+        [0.025, 0.05, 0.1]
+    )
+    assert found.track.table[["sx", "sy", "sz"]].to_numpy()[0] == pytest.approx([0.05, 0.03, 0.07])
+    (tmp_path / "smrmsg_mission.out").write_bytes(b"12345678")
+    with pytest.raises(InputError, match="smrmsg_mission.out is cut off"):
+        read_track(path)
+
+
 def test_epochs_too_far_apart_give_no_attitude_and_it_is_said(tmp_path):
     found, _ = at(read_track(text(tmp_path / "export.txt", step=0.2)), 0.5)
     assert not len(found.attitudes)

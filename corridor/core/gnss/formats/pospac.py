@@ -5,9 +5,12 @@ of the GPS week, the week that of `Date of Mission`. Heights: that which follows
 has no header: 17 doubles a record (time in seconds of the GPS week, latitude, longitude, altitude,
 three velocities, roll, pitch, platform heading, wander angle, three accelerations, three angular
 rates; radians, metres, low byte first). Heading from true north = platform heading - wander angle.
-Roll (right side down), pitch (nose up) and heading are of the IMU, as those of an aircraft.
+Roll (right side down), pitch (nose up) and heading are of the IMU, as those of an aircraft. The
+standard deviations are in a file beside it, `smrmsg` where that one has `sbet` in its name: 10
+doubles (time; positions north, east, down, m; three velocities; roll, pitch, heading, arc minutes).
+A smoothed track does not scatter by its errors: where nothing states them, they are assumed.
 
-Source: the header that POSPac writes before its text; its POSPac MMS user manual, SBET format.
+Source: the header that POSPac writes before its text; POSPac MMS user guide, SBET and SMRMSG.
 """
 
 import os
@@ -18,7 +21,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.core.block import ANGLE_SIGMAS, ANGLES
+from corridor.core.block import ANGLE_SIGMAS, ANGLES, SIGMAS
 from corridor.core.errors import InputError
 from corridor.core.gnss.text import TextRows
 from corridor.core.gnss.time import DAY_S, WEEK_S
@@ -37,7 +40,9 @@ _SIGMAS = dict(zip(("sx", "sy", "sz", *ANGLE_SIGMAS), (
 ), strict=True))  # fmt: skip
 _NEEDED = ("TIME", "LATITUDE", "LONGITUDE", "ROLL", "PITCH", "HEADING")
 _RECORD = np.dtype("<f8")
-_WIDTH = 17
+_WIDTH, _WIDTH_OF_SIGMAS = 17, 10
+# m; a block assumes as much of positions of which nothing is said.
+_ASSUMED = (0.02, 0.02, 0.04)
 
 
 def _header(lines: list[str]) -> int | None:
@@ -99,14 +104,30 @@ def read_sbet(path: Path) -> Track:
     table["z"] = data[:, 3]
     heading = np.degrees(data[:, 9] - data[:, 10]) % 360.0
     table[list(ANGLES[0])] = np.column_stack([angles[:, 2:], heading])
+    beside = path.with_name(re.sub("(?i)sbet", "smrmsg", path.name))
+    if beside != path and beside.is_file():
+        size = os.path.getsize(beside)
+        if not size or size % (_WIDTH_OF_SIGMAS * _RECORD.itemsize):
+            raise InputError(f"{beside.name} is cut off; export it again, or take it away")
+        said = np.fromfile(beside, _RECORD).reshape(-1, _WIDTH_OF_SIGMAS)
+        sigma = [np.interp(data[:, 0], said[:, 0], said[:, k]) for k in (2, 1, 3, 7, 8, 9)]
+        table[[*SIGMAS, *ANGLE_SIGMAS]] = np.column_stack(sigma) / [1, 1, 1, 60, 60, 60]
     return _track(path, table, np.arange(len(table)) + 1, None)
 
 
 def _track(path: Path, table: pd.DataFrame, rows: np.ndarray, day: str | None) -> Track:
-    note = (
+    notes = []
+    if not set(SIGMAS) <= set(table):
+        table[list(SIGMAS)] = _ASSUMED
+        notes.append(
+            f"{path.name} states no standard deviations, and a smoothed track does not show them: "
+            f"{_ASSUMED[0]:g} m horizontally and {_ASSUMED[2]:g} m in height are assumed; export "
+            "them too (smrmsg_... beside sbet_..., or the SD columns of the text)"
+        )
+    notes.append(
         f"{path.name}: positions and attitudes of POSPac are those of the point it was told to "
         "give (IMU, antenna or camera); lever arm and boresight are what is left"
     )
     order = ["time_s", "x", "y", "z"]
     table = table[[*order, *(name for name in table if name not in order)]]
-    return Track.of_rows(table, rows, path, day, "GPST", GEOGRAPHIC, [note])
+    return Track.of_rows(table, rows, path, day, "GPST", GEOGRAPHIC, notes)
