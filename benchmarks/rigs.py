@@ -1,7 +1,7 @@
 """How often the diagnosis names what is wrong with attitudes or a rig, at ten standard deviations.
 
     python -m benchmarks.rigs [-o FOLDER] [--count 20] [--nulls 30] [--first 0] [--kinds A,B]
-        [--sigmas 10]
+        [--sigmas 10] [--figures docs/guarantees.json]
 
 Small flights of drawn geometry (heights, overlaps, obliqueness, noise, pictures a second, shaking,
 temperature that rises or goes up and down): 12 to 24 images with attitudes, or exposures of a head
@@ -10,7 +10,7 @@ the size that an adjustment with it, and all else that is believed, tells from z
 deviations (its own covariance matrix). `attitudes` and `rig` are those in which nothing is hidden.
 An interrupted run goes on where it stopped. Prints for each effect how often it was named, stood in
 a set of look-alikes, was missed, and what was named that is not there, with intervals (95 %); and
-the values over their sigmas.
+the values over their sigmas. --figures puts the counts into that file and the page beside it.
 """
 
 import argparse
@@ -26,6 +26,7 @@ from benchmarks.diagnosis.rates import Rate
 from benchmarks.diagnosis.run import run
 from benchmarks.diagnosis.trials import Trial
 from benchmarks.diagnosis.truth import truth_of
+from benchmarks.guarantees import table
 from corridor.core.camera import Camera
 from corridor.core.geometry import quaternion_from_rotation, rotation_from_vector
 from corridor.core.simulation import (
@@ -193,6 +194,21 @@ def report(rows):
     return lines
 
 
+def counts(rows):
+    """What of the rows stands in the guarantees: of each kind how many were done, named, in the set
+    that was named, and how many had something false."""
+    out = {}
+    for kind in (*OF_ATTITUDES, *OF_RIGS, *NULLS):
+        done = [r for r in rows if r["name"].rsplit("-", 1)[0] == kind and not r["failed"]]
+        out[kind] = {
+            "done": len(done),
+            "named": sum(kind in row["named"] for row in done),
+            "inside": sum(kind in row["inside"] for row in done),
+            "false": sum(bool(row["wrong"] or row["extras"]) for row in done),
+        }
+    return out
+
+
 def _said(row):
     """What was stated firmly of a block, in words."""
     parts = [
@@ -223,12 +239,18 @@ def main(arguments=None):
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--kinds", default=",".join((*NULLS, *OF_ATTITUDES, *OF_RIGS)))
     parser.add_argument("--sigmas", type=float, default=SIGMAS)
+    parser.add_argument("--figures", type=Path)
     options = parser.parse_args(arguments)
     kinds = options.kinds.split(",")
     chosen = trials(kinds, options.count, options.nulls, options.first, options.sigmas)
     warnings.simplefilter("ignore")
     rows = run(chosen, options.output, rivals=False)
     print("\n".join(report(rows)))
+    if options.figures:
+        first, sigmas = options.first, options.sigmas
+        found = {"kinds": counts(rows), "first": first, "sigmas": sigmas, "nulls": list(NULLS)}
+        table.store(options.figures, "rigs", found)
+        table.write(options.figures)
 
 
 if __name__ == "__main__":

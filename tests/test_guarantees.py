@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import corridor
+from benchmarks import rigs
 from benchmarks.guarantees import (
     damage,
     full,
@@ -28,6 +29,22 @@ def test_the_page_is_what_the_figures_say():
     figures = json.loads((DOCS / "guarantees.json").read_text(encoding="utf-8"))
     page = (DOCS / "guarantees.md").read_text(encoding="utf-8")
     assert page == table.text(figures), "python -m benchmarks.guarantees page"
+
+
+def test_rates_of_rigs_are_those_of_the_draws_that_were_done():
+    """A draw that failed counts nowhere; what is named beside a null is false."""
+    row = {"failed": None, "named": [], "inside": [], "wrong": [], "extras": 0}
+    found = rigs.counts([
+        row | {"name": "mounting-001", "named": ["mounting"], "inside": ["mounting"]},
+        row | {"name": "mounting-002", "inside": ["mounting"], "extras": 1},
+        row | {"name": "mounting-003", "failed": "no"},
+        row | {"name": "rig-001", "wrong": ["focal"]},
+        row | {"name": "attitudes-001"},
+    ])  # fmt: skip
+    assert found["mounting"] == {"done": 2, "named": 1, "inside": 2, "false": 1}
+    page = table.text({"rigs": {"kinds": found, "first": 1, "nulls": ["attitudes", "rig"]}})
+    assert "draws from 1 on: " in page and "mounting: 1 named, 2 in the set, of 2" in page
+    assert "something named in 1 of 2" in page
 
 
 def test_a_case_is_told_by_its_number(tmp_path):

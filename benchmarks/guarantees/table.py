@@ -133,6 +133,13 @@ def _rows(known):
             f"`{RUN} sigmas`",
         )
     yield from flights.rows(made("flights"))
+    yield (
+        "What is wrong with attitudes or a rig, at 10 sigma, is named, or a set with it in it",
+        "small flights of drawn geometry with attitudes, or of a head of two or three cameras, one "
+        "effect hidden in each, or none",
+        _rigs(made("rigs")),
+        "`python -m benchmarks.rigs --figures docs/guarantees.json`",
+    )
     yield from sizes.rows(made)
     yield from dates.rows(made("change"))
     yield (
@@ -176,6 +183,24 @@ _SIGMAS = {
     "thermal": ("`thermal fit`, shifts at 42 C", "maps with new noise each draw"),
     "diagnose": ("`diagnose`, the value of the effect that it names", "a shutter of 20 ms"),
 }
+
+
+def _rigs(found):
+    if not found:
+        return "not run"
+    told = [
+        f"{kind}: {one['named']} named, {one['inside']} in the set, of {one['done']}"
+        for kind, one in found["kinds"].items()
+        if kind not in found["nulls"]
+    ]
+    nulls = [found["kinds"][kind] for kind in found["nulls"]]
+    false = sum(one["false"] for kind, one in found["kinds"].items() if kind not in found["nulls"])
+    told.append(f"beside these {false} times something that is not there")
+    told.append(
+        f"flights that lack nothing: something named in {sum(one['false'] for one in nulls)} of "
+        f"{sum(one['done'] for one in nulls)}"
+    )
+    return f"draws from {found['first']} on: " + "; ".join(told)
 
 
 def _malformed(found):

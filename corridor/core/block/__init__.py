@@ -32,6 +32,8 @@ from corridor.core.block.rigs import (
 from corridor.core.block.settings import SIGMA
 from corridor.core.block.summary import Summary
 from corridor.core.block.tables import (
+    ANGLE_SIGMAS,
+    ANGLES,
     LAYOUTS,
     POSE,
     QUATERNION,

@@ -47,9 +47,10 @@ def angles_from_rotation(rotation: np.ndarray) -> np.ndarray:
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """The rotation (3, 3) nearest to a matrix, never a reflection."""
+    """The rotations (..., 3, 3) nearest to matrices, never reflections."""
     u, _, vt = np.linalg.svd(matrix)
-    return u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    u[..., 2] *= np.linalg.det(u @ vt)[..., None]
+    return u @ vt
 
 
 def vector_from_rotation(rotation: np.ndarray) -> np.ndarray:

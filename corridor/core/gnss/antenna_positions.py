@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from corridor.core.block import RHO, Block, correlations, covariances
+from corridor.core.block import QUATERNION, RHO, Block, correlations, covariances
 from corridor.core.brief import brief
 from corridor.core.errors import InputError, WorkFailed
 from corridor.core.geometry import robust_scale
@@ -19,9 +19,10 @@ from corridor.core.gnss.exposures import Exposures
 from corridor.core.gnss.frames import FRAME, convert_within, in_metres, local_frame
 from corridor.core.gnss.interpolation import Interpolated, Interpolation, interpolate
 from corridor.core.gnss.track import GEOCENTRIC, GEOGRAPHIC, Track, check_quality
+from corridor.core.gnss.track_attitudes import attitudes_at, axes_at, stated
 from corridor.core.gnss.witnesses import contradicted
 from corridor.core.options import options
-from corridor.core.output import whole_file, whole_files, write_picture
+from corridor.core.output import whole_files, write_picture
 
 _COLUMNS = ["image", "x", "y", "z", "sx", "sy", "sz"]
 _SETTINGS = "block.toml"
@@ -46,6 +47,7 @@ class Antenna:
     interpolated: all of it in the frame of `track`
     track: in local metres; name: of its file; frame: the coordinates of `gnss`, in words
     notes: sentences worth telling
+    attitudes: as in attitudes.csv, of a track that states roll, pitch and yaw
     """
 
     gnss: pd.DataFrame
@@ -55,6 +57,7 @@ class Antenna:
     frame: str
     geographic: bool
     notes: tuple[str, ...] = ()
+    attitudes: pd.DataFrame | None = None
 
     def __str__(self) -> str:
         """What came of it, for a terminal."""
@@ -88,32 +91,49 @@ class Antenna:
             lines.append(f"  and {len(self.refused) - len(shown)} more")
         return lines
 
-    def save(self, path: str | os.PathLike, picture=None) -> list[Path]:
-        """Writes the table and, beside it, the picture; both or none. Returns the paths.
+    def save(
+        self, path: str | os.PathLike, picture=None, attitudes: str | os.PathLike | None = None
+    ) -> list[Path]:
+        """Writes the table and, beside it, the picture; all or none. Returns the paths.
 
         path: a .csv, or a folder (the file is gnss.csv then). An earlier gnss.csv is replaced.
         picture: a matplotlib figure, as `corridor.figures.antenna` makes it.
-        Raises InputError where `path` is another kind of file.
+        attitudes: a .csv for the attitudes too, in the same folder.
+        Raises InputError where `path` is another kind of file, or the track has no attitudes.
         """
         path = Path(path)
         if path.is_dir():
             path = path / "gnss.csv"
-        if path.suffix.lower() != ".csv":
-            raise InputError(f"{path} is not a .csv; name the table to write, as gnss.csv")
-        if path.exists() and not _is_ours(path):
+        drawn = [] if picture is None else [path.with_suffix(".png")]
+        turned = [] if attitudes is None else [Path(attitudes)]
+        tables = [("gnss.csv", path, _COLUMNS[:4])]
+        tables += [("attitudes.csv", one, ["image", *QUATERNION]) for one in turned]
+        for name, file, columns in tables:
+            if file.suffix.lower() != ".csv":
+                raise InputError(f"{file} is not a .csv; name the table to write, as {name}")
+            if file.exists() and not _has(file, columns):
+                raise InputError(
+                    f"{file} is there and is no {name} ({', '.join(columns)}), so it is not "
+                    "replaced; name another file"
+                )
+        if turned and self.attitudes is None:
             raise InputError(
-                f"{path} is there and is not a gnss.csv (image, x, y, z), so it is not replaced; "
-                "name another file"
+                f"{self.track.source.name} states no attitudes (roll, pitch and yaw); leave "
+                "--attitudes out"
             )
-        if picture is None:
-            with whole_file(path) as part:
-                self._write(part)
-            return [path]
+        if turned and (turned[0].resolve().parent != path.resolve().parent or turned[0] == path):
+            raise InputError(f"{turned[0]} is not beside {path}; name a file in the same folder")
         # The picture first: a table is never there without one.
-        with whole_files(path.with_suffix(".png"), path) as (drawn, part):
-            write_picture(picture, drawn)
-            self._write(part)
-        return [path, path.with_suffix(".png")]
+        with whole_files(*drawn, *turned, path) as parts:
+            if picture is not None:
+                write_picture(picture, parts[0])
+            if self.attitudes is not None and turned:
+                self.attitudes.to_csv(
+                    parts[-2], index=False, float_format="%.10g", lineterminator="\n",
+                    encoding="utf-8",
+                )  # fmt: skip
+            self._write(parts[-1])
+        return [path, *turned, *drawn]
 
     def _write(self, path: Path) -> None:
         table = self.gnss.copy()
@@ -175,7 +195,8 @@ def antenna(
             f"no position was found for any of the {len(times)} exposures ({why.index[0]}: "
             f"{why.iloc[0]}){''.join(f'; {one}' for one in more)}"
         )
-    points, frame = _in_frame(local, made.table.loc[good, ["x", "y", "z"]], crs, offset, about)
+    places = made.table.loc[good, ["x", "y", "z"]].to_numpy(float)
+    points, frame = _in_frame(local, places, crs, offset, about)
     gnss = pd.DataFrame({"image": names.to_numpy()[good]})
     gnss[["x", "y", "z"]] = points
     sigma = made.table.loc[good, ["sx", "sy", "sz"]].to_numpy()
@@ -190,7 +211,15 @@ def antenna(
     notes += tuple(filter(None, (exposures.too_near(), exposures.out_of_order())))
     notes += (*_of_resolution(exposures, made), *_of_standing(made))
     degrees = crs is not None and known_crs(crs).is_geographic
-    return Antenna(gnss, refused, made, local, frame, degrees, tuple(dict.fromkeys(notes)))
+    turned = None
+    if stated(track) and not degrees:
+        own = None if local.origin is None else Local(*local.origin)
+        axes = axes_at(places, own, lambda p: _in_frame(local, p, crs, offset, about)[0])
+        turned = attitudes_at(track, gnss["image"].to_numpy(), times[good], axes)
+        notes += (f"{track.source.name} states attitudes too, of {len(turned)} of {len(gnss)} "
+                  "images with epochs near enough: --attitudes writes them",)  # fmt: skip
+    notes = tuple(dict.fromkeys(notes))
+    return Antenna(gnss, refused, made, local, frame, degrees, notes, turned)
 
 
 def _check_metres(track: Track) -> None:
@@ -321,9 +350,8 @@ def _of_resolution(exposures: Exposures, made: Interpolated) -> Iterator[str]:
 
 
 def _in_frame(
-    local: Track, points: pd.DataFrame, crs, offset, about: Local | None
+    local: Track, points: np.ndarray, crs, offset, about: Local | None
 ) -> tuple[np.ndarray, str]:
-    points = points.to_numpy(dtype=float)
     offset = np.asarray(offset, dtype=float)
     if local.origin is None:
         return points, "in the track's own local metres"
@@ -365,7 +393,7 @@ def frame_of_block(images: str | os.PathLike) -> tuple[str | None, np.ndarray, L
     return table.get("crs") or None, offset, local_frame(table.get(FRAME))
 
 
-def _is_ours(path: Path) -> bool:
+def _has(path: Path, columns: list[str]) -> bool:
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         header = [cell.strip() for cell in file.readline().split(",")]
-    return set(_COLUMNS[:4]) <= set(header)
+    return set(columns) <= set(header)

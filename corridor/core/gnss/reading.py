@@ -15,7 +15,7 @@ import pandas as pd
 from corridor.core.errors import InputError
 from corridor.core.gnss import formats as folder
 from corridor.core.gnss.exposures import Exposures
-from corridor.core.gnss.formats import block_table, exif
+from corridor.core.gnss.formats import block_table, exif, pospac
 from corridor.core.gnss.track import Track
 from corridor.core.textfile import read_lines
 
@@ -34,14 +34,17 @@ _RAW = {
 }
 _NMEA = re.compile(r"(?m)^\$[A-Z]{4,5},")
 _WAY_ON = "as the track.csv of a block (time_s, x, y, z, sx, sy, sz in metres), and name that"
-_SBET = f"a trajectory of POSPac, which has no one form: write its columns {_WAY_ON}"
+_SBET = (
+    "a trajectory of POSPac, but neither whole records of an SBET nor text with TIME, LATITUDE, "
+    f"LONGITUDE, ROLL, PITCH and HEADING: export it so, or write its columns {_WAY_ON}"
+)
 
 
 def read_track(path: str | Path) -> Track:
     """The track in a file; the format is told by the content.
 
-    RTKLIB and CSRS-PPP .pos, GrafNav text, MicMac XML or text, track.csv (.parquet) of a block. A
-    folder: the track.csv in it. Text may be packed (.gz).
+    RTKLIB and CSRS-PPP .pos, GrafNav text, POSPac text and SBET (with attitudes), MicMac XML or
+    text, track.csv (.parquet) of a block. A folder: the track.csv in it. Text may be packed (.gz).
     Raises InputError, one sentence naming file, row and remedy.
     """
     path = Path(path)
@@ -106,6 +109,8 @@ def _read(path: Path) -> Track | Exposures:
         raise InputError(f"{path} does not exist; correct the path")
     if path.suffix == ".parquet":
         return block_table.read(path)
+    if pospac.is_sbet(path):
+        return pospac.read_sbet(path)
     if path.suffix.lower() in (".out", ".sbet") and "sbet" in path.name.lower():
         raise InputError(f"{path.name} is {_SBET}")
     with path.open("rb") as file:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from corridor.core.block import Block, as_mounted, read, rigs_of
+from corridor.core.block import Block, as_mounted, exposures_of, read, rigs_of
 from corridor.core.brief import brief
 from corridor.core.effects import Effect, Values, every_effect, take_out
 from corridor.core.errors import InputError
@@ -37,6 +37,7 @@ _HAS: dict[str, Callable[[Block], bool]] = {
     "offset": lambda block: bool(block.offset.any()),
     "names": lambda block: True,
     "unlike rigs": lambda block: not as_mounted(block),
+    "rigs without base": lambda block: _led_by_a_member(block),
 }
 
 
@@ -171,6 +172,12 @@ def export_project(
 def export_names() -> dict[str, str]:
     """What each kind of export is, by its name."""
     return {name: f"{module.TITLE}; holds {module.HOLDS}" for name, module in writers().items()}
+
+
+def _led_by_a_member(block):
+    """Whether an exposure of a rig lacks the base camera."""
+    cameras = block.images["camera"].to_numpy(object)[exposures_of(block).base]
+    return not {rig["base"] for rig in rigs_of(block).values()}.issuperset(cameras)
 
 
 def _stated_effect(block, effects):

@@ -103,8 +103,8 @@ def hung_together(project: Project, leader: Mapping[str, str]) -> Project:
     """The project with its rigs: tables [rig.NAME], and images of one exposure named alike.
 
     leader: image -> that of the base camera of its exposure, or where it did not fire any other.
-    Mountings are left to the poses, in whose frame and scale they are. Nothing is stated where a
-    camera hangs in two places.
+    Mountings are left to the poses, in whose frame and scale they are. A rig of which a camera
+    hangs in two places is left out, and that is said.
     """
     camera = dict(zip(project.block.images["image"], project.block.images["camera"], strict=True))
     pairs = {i: first for i, first in leader.items() if i != first and {i, first} <= set(camera)}
@@ -120,8 +120,11 @@ def hung_together(project: Project, leader: Mapping[str, str]) -> Project:
     rigs = {base: members for base, members in rigs.items() if base not in led}
     hung = [name for base, members in rigs.items() for name in (base, *members)]
     taken = [(first, camera[image]) for image, first in pairs.items()]
-    if not hung or len(set(hung)) < len(hung) or len(set(taken)) < len(taken):
+    if not pairs:
         return project
+    if not hung or len(set(hung)) < len(hung) or len(set(taken)) < len(taken):
+        told = "a rig was left out: a camera hangs in two places, or two have one calibration"
+        return project.having(notes=[told])
     names = {**pairs, **{first: first for first in pairs.values()}}
     images = project.block.images
     images = images.assign(exposure=[names.get(image) for image in images["image"]])

@@ -19,8 +19,8 @@ _ENDINGS = {
     ".db": "COLMAP's database of matches: name the folder of the model (sparse/0) that its mapper "
     "wrote",
     ".ods": "a spreadsheet: save the sheet as comma separated text (.csv), and name that",
-    ".sbet": "a POSPac trajectory in binary form: export it from POSPac as text",
-    ".out": "a file of a trajectory or of another program: of POSPac, export it as text",
+    ".sbet": "a POSPac trajectory: give it with --track",
+    ".out": "a file of a trajectory or of another program: a POSPac SBET belongs to --track",
     ".pdf": "a report: name the project that it is of",
     ".zip": "an archive: unpack it, and name the folder",
     ".xmlz": "a packed BlocksExchange: unpack it like a .zip, and name the .xml in it",

@@ -75,7 +75,7 @@ class TestWhatItWrites:
         assert "old" not in set(pd.read_csv(block / "gnss.csv")["image"])
         before = (block / "images.csv").read_bytes()
         assert run(block, out=block / "images.csv") == 2
-        assert "is not a gnss.csv" in capsys.readouterr().err
+        assert "is no gnss.csv" in capsys.readouterr().err
         assert (block / "images.csv").read_bytes() == before
 
     def test_a_folder_gets_gnss_csv_and_a_new_one_is_made(self, block, tmp_path):

@@ -12,7 +12,8 @@ examples:
   corridor gnss grafnav.txt --images flight_Timestamp.MRK --method parabola -o out/parabola.csv
       as other programs do it, for comparison
 
-TRACK: RTKLIB or CSRS-PPP .pos, GrafNav text, MicMac XML or text, track.csv of a block. IMAGES: a
+TRACK: RTKLIB or CSRS-PPP .pos, GrafNav text, POSPac text or SBET (with attitudes), MicMac XML or
+text, track.csv of a block. IMAGES: a
 block, its images.csv, a DJI .MRK, RTKLIB's NAME_events.pos, MicMac's image times, or a folder of
 photographs (EXIF). The table (image, x, y, z, sx, sy, sz: antenna, m; rho_xy, rho_xz, rho_yz:
 correlations, where the track states co-deviations) and a picture beside it appear together or not
@@ -30,6 +31,11 @@ OPTIONS = {
     "track": option("file with the antenna's track", "TRACK", Path),
     "--images": option("when the images were taken", "IMAGES", Path, required=True),
     "--output": option("table to write, a .csv", "GNSS", required=True),
+    "--attitudes": option(
+        "table to write too, beside GNSS: the attitudes of a track that states them (POSPac)",
+        "ATTITUDES",
+        Path,
+    ),
     "--method": option(
         "smoother (default): Kalman smoother with a sigma that holds between epochs and "
         "in turns; the others are curves through the epochs, for comparison",
@@ -106,7 +112,7 @@ def run(options: argparse.Namespace) -> None:
     if away > _FAR_M:
         print(found)
         raise InputError(f"{told} Nothing was written.")
-    written = found.save(options.output, figures.antenna(found))
+    written = found.save(options.output, figures.antenna(found), options.attitudes)
     print(found)
     warn([told] if told else [])
     wrote(*written)

@@ -8,42 +8,35 @@ from pathlib import Path
 
 import numpy as np
 
-from corridor.core.block import Block, as_mounted, base_poses, exposures_of, mountings_of, rigs_of
+from corridor.core.block import Block
 from corridor.core.geometry import quaternion_from_rotation, rotation_from_quaternion
+from corridor.tools.formats.hanging import Hanging
 
 
 def write_rigs(block: Block, folder: Path, file, records, numbers: dict[str, int]) -> None:
     """Write the files rigs and frames. numbers: of the cameras; file, records: of the form."""
-    mounted = mountings_of(block) if as_mounted(block) else {}
-    first = {key: rigs_of(block)[one.rig]["base"] for key, one in mounted.items()}
-    base = base_poses(block, mounted)
-    rotation = rotation_from_quaternion(base[:, 3:])
-    shift = -np.einsum("nij,nj->ni", rotation, base[:, :3])
-    together = np.arange(len(base))
-    if mounted:
-        both = exposures_of(block)
-        together[both.member] = both.base
-    rigs = {key: [] for key in numbers if first.get(key, key) == key}
-    for key in (key for key in mounted if first[key] != key):
-        rigs[first[key]].append(key)
+    hanging = Hanging.of(block)
+    rotation = rotation_from_quaternion(hanging.pose[:, 3:])
+    shift = -np.einsum("nij,nj->ni", rotation, hanging.pose[:, :3])
+    rigs = {key: [] for key in numbers if hanging.base[key] == key}
+    for key in hanging.members():
+        rigs[hanging.base[key]].append(key)
     with file(folder, "rigs", len(rigs)) as out:
         for key, others in rigs.items():
             out.put(records.RIG, numbers[key], 1 + len(others))
             out.put(records.SENSOR, 0, numbers[key])
             for other in others:
-                turn = mounted[other].rotation
+                turn = hanging.mounted[other].rotation
                 quaternion = quaternion_from_rotation(turn[None])[0]
                 out.put(records.OTHER_SENSOR, 0, numbers[other], 1)
-                out.put(records.POSE, *quaternion, *(-turn @ mounted[other].place))
+                out.put(records.POSE, *quaternion, *(-turn @ hanging.mounted[other].place))
             out.end()
     cameras = block.images["camera"].tolist()
-    order = np.argsort(together, kind="stable")
-    frames = np.split(order, np.flatnonzero(np.diff(together[order])) + 1)
+    frames = hanging.frames()
     with file(folder, "frames", len(frames)) as out:
         for k, rows in enumerate(frames):
-            rig = numbers[first.get(cameras[rows[0]], cameras[rows[0]])]
-            pose = *base[rows[0], 3:], *shift[rows[0]]
-            out.put(records.FRAME, k + 1, rig, *pose, len(rows))
+            pose = *hanging.pose[rows[0], 3:], *shift[rows[0]]
+            out.put(records.FRAME, k + 1, numbers[hanging.base[cameras[rows[0]]]], *pose, len(rows))
             for row in rows:
                 out.put(records.DATA, 0, numbers[cameras[row]], row + 1)
             out.end()

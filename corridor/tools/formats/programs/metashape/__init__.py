@@ -63,7 +63,10 @@ DISTANCES = True
 LOSSES = {
     "tie points": "tie points: Metashape takes none from XML, only markers",
     "GNSS": "lever arms: the references are the camera centres that GNSS gives",
+    "unlike rigs": "rigs whose images do not stand as they say: adjust first; each image is alone",
+    "rigs without base": "exposures without the rig's base camera: their images are alone",
 }
+RIGS = True
 
 _UNSCALED = "chunk units: no scale, no place in the world (not metres)"
 _EARTH_M = (6.2e6, 6.5e6)
@@ -538,7 +541,7 @@ def _project(chunk, cloud, path, notes, warnings):
         notes=notes,
         warnings=warnings,
     ).project(NAME, path, placed=bool(placed), apart=free and local)
-    return hung_together(made, {**{m: m for m in chunk.masters.values()}, **chunk.masters})
+    return hung_together(made, chunk.masters)
 
 
 def _told_of_shutters(chunk, labels, warnings):

@@ -18,6 +18,7 @@ from corridor.core.gnss import (
 )
 from corridor.tools.formats.cameras import in_the_middle
 from corridor.tools.formats.frames import moved
+from corridor.tools.formats.hanging import Hanging
 from corridor.tools.formats.rows import camera_positions
 from corridor.tools.formats.textfile import add_xml, write_xml
 
@@ -83,14 +84,21 @@ def _interior_xml(parent, camera):
 
 
 def _document_xml(block):
-    """Root, chunk, and the elements of the cameras of a document without poses."""
+    """Root, chunk, and the elements of the cameras of a document without poses.
+
+    Sensors of a rig name that of its base, and where they hang in its frame; cameras name their
+    master, which alone is posed.
+    """
     root = ElementTree.Element("document", {"version": "2.0.0"})
     chunk = add_xml(root, "chunk", label=block.name, enabled="true")
     sensors = add_xml(chunk, "sensors", next_id=str(len(block.cameras)))
-    for number, camera in enumerate(block.cameras.values()):
+    number = {name: str(k) for k, name in enumerate(block.cameras)}
+    hanging = Hanging.of(block)
+    members = hanging.members()
+    for camera in block.cameras.values():
         size = {"width": str(camera.width), "height": str(camera.height)}
         kind = "fisheye" if camera.fisheye else "frame"
-        sensor = add_xml(sensors, "sensor", id=str(number), label=camera.name, type=kind)
+        sensor = add_xml(sensors, "sensor", id=number[camera.name], label=camera.name, type=kind)
         add_xml(sensor, "resolution", **size)
         if camera.pixel_um:
             for key in ("pixel_width", "pixel_height"):
@@ -98,10 +106,16 @@ def _document_xml(block):
         calibration = add_xml(sensor, "calibration", type=kind, **{"class": "adjusted"})
         add_xml(calibration, "resolution", **size)
         _interior_xml(calibration, camera)
+        if camera.name in members:
+            sensor.set("master_id", number[hanging.base[camera.name]])
+            add_xml(sensor, "rotation", *members[camera.name].rotation.T.ravel())
+            add_xml(sensor, "location", *members[camera.name].place)
     cameras = add_xml(chunk, "cameras", next_id=str(len(block.images)), next_group_id="0")
-    number = {name: str(k) for k, name in enumerate(block.cameras)}
-    for k, (image, camera) in enumerate(block.images[["image", "camera"]].itertuples(index=False)):
-        add_xml(cameras, "camera", id=str(k), sensor_id=number[camera], label=image)
+    names = block.images["camera"].tolist()
+    for k, (image, first) in enumerate(zip(block.images["image"], hanging.together, strict=True)):
+        element = add_xml(cameras, "camera", id=str(k), sensor_id=number[names[k]], label=image)
+        if first != k and names[first] == hanging.base[names[k]]:
+            element.set("master_id", str(first))
     return root, chunk, cameras
 
 
@@ -111,7 +125,7 @@ def _cameras_xml(block, frame):
     pose = block.poses
     rotation = rotation_from_quaternion(np.nan_to_num(pose[:, 3:], nan=1.0))
     for k, (element, image) in enumerate(zip(cameras, block.images["image"], strict=True)):
-        if np.isfinite(pose[k]).all():
+        if np.isfinite(pose[k]).all() and element.get("master_id") is None:
             matrix = np.eye(4)
             matrix[:3, :3], matrix[:3, 3] = rotation[k].T, pose[k, :3]
             add_xml(element, "transform", *matrix.ravel())

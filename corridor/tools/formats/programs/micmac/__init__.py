@@ -4,13 +4,15 @@ Conventions, where they differ from ours: the rotation (CodageMatr; AxeI, AxeJ, 
 world; distortion works on pixels about its own centre, k_i = c_i F^(2i), p1 = P1 F (our order),
 b1, b2 as ours. eConvApero_DistM2C takes the ray to the image as we do, eConvApero_DistC2M the image
 to the ray. Whole pixels are pixel centres: no half pixel is moved. `FileInterne` may name a folder
-that is elsewhere: the file is looked for beside the orientation first.
+that is elsewhere: the file is looked for beside the orientation first. Of a rigid block of MMVII a
+pattern of image names says by two of its groups which camera took an image, and when.
 
 Source: MicMac documentation (DocMicMac, appendix "Formats"), and the pairs under `Verif` that the
-orientation files themselves carry.
+orientation files themselves carry; of rigid blocks MMVII's source, MMVII_BlocRig.h.
 """
 
 import io
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -38,6 +40,7 @@ from corridor.tools.formats.project import (
     Project,
     Views,
     ground_table,
+    hung_together,
     rotations_to_columns,
 )
 from corridor.tools.formats.textfile import Following, opening
@@ -105,6 +108,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     cameras = where_known(files, lambda name: _calibration(files[name], notes))
     used = [shot.calibration.stem for shot in shots]
     ground, marks = _ground_and_marks(home, images, notes, warnings)
+    leader = _leaders(home, images, notes)
     project = Contents(
         name=home.resolve().name,
         cameras=cameras,
@@ -118,6 +122,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         notes=notes,
         warnings=warnings,
     ).project(NAME, folder)
+    project = hung_together(project, leader)
     kept = set(project.block.images["image"])
     pairs = [(shot.name, *row) for shot in shots for row in shot.pairs if shot.name in kept]
     if pairs:
@@ -227,6 +232,41 @@ def _calibration_file(written, folder, home, root):
         f"its calibration {written} is not there, neither beside it nor in the project; put it "
         "beside the orientations"
     )
+
+
+# --- rigs ------------------------------------------------------------------------------------
+
+
+def _leaders(home, images, notes):
+    """Image -> that of the master camera of its exposure, or where it did not fire another one.
+
+    The mountings that the file states too are means over these poses.
+    """
+    files = sorted((home / "MMVII-PhgrProj").glob("*/*/RigidBloc_*.xml"))
+    if not files:
+        return {}
+    if len(files) > 1:
+        notes.append(f"{len(files)} files of rigid blocks: {files[0].name} was read")
+    rig = Xml.read(files[0]).child(".//RigidBlocCam")
+    camera, moment = (int(rig.value(tag)) for tag in ("KPatBloc", "KPatSync"))
+    try:
+        pattern = re.compile(rig.text("Pattern"))
+    except re.error as error:
+        raise rig.wrong(f"Pattern is no regular expression ({error}); correct it") from None
+    if not 0 <= min(camera, moment) <= max(camera, moment) <= pattern.groups:
+        raise rig.wrong(
+            f"KPatBloc = {camera} and KPatSync = {moment}, but Pattern has {pattern.groups} groups "
+            "in brackets; correct them"
+        )
+    found = {image: pattern.fullmatch(image) for image in images}
+    if lost := [image for image, match in found.items() if match is None]:
+        notes.append(f"{len(lost)} images are in no rigid block (first: {lost[0]})")
+    taken: dict[str, list[tuple[bool, str]]] = {}
+    for image, match in found.items():
+        if match is not None:
+            other = match[camera] != rig.text("Master")
+            taken.setdefault(match[moment], []).append((other, image))
+    return {image: min(together)[1] for together in taken.values() for _, image in together}
 
 
 # --- calibrations ----------------------------------------------------------------------------

@@ -3,9 +3,10 @@
 Conventions, where they differ from ours: image coordinates are counted from the image centre in
 units of max(width, height): pixel = x max(w, h) + (w - 1) / 2; focal lengths alike. The rotation is
 a vector (angle-axis) world to camera, the translation t = -R C. p1, p2 of `brown` are OpenCV's.
-tracks.csv is tab separated. The world is east, north, up about reference_lla.
+tracks.csv is tab separated. The world is east, north, up about reference_lla. Rig cameras have
+poses in the frame of their rig, rig instances those of the rig; the shots' own are both together.
 
-Source: OpenSfM, camera_distortions_functions.h and doc/source/geometry.rst.
+Source: OpenSfM, camera_distortions_functions.h, doc/source/geometry.rst and rig.rst.
 """
 
 from pathlib import Path
@@ -26,7 +27,14 @@ from corridor.tools.formats.ground import Ground, add_to
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.programs.opensfm.writing import HEADER, MAIN, WIDTH
 from corridor.tools.formats.programs.opensfm.writing import write as write
-from corridor.tools.formats.project import Contents, Project, Views, gnss_table, ground_table
+from corridor.tools.formats.project import (
+    Contents,
+    Project,
+    Views,
+    gnss_table,
+    ground_table,
+    hung_together,
+)
 from corridor.tools.formats.textfile import Json, opening
 
 NAME = "opensfm"
@@ -46,7 +54,9 @@ LOSSES = {
         "their image measurements go"
     ),
     "sigmas": "sigmas of single observations",
+    "unlike rigs": "rigs whose images do not stand as they say: adjust first; each image is alone",
 }
+RIGS = True
 
 
 def recognise(path: Path) -> bool:
@@ -89,10 +99,26 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
         local=local,
         notes=notes,
     ).project(NAME, main, placed=local is not None)
+    project = hung_together(project, _leaders(whole))
     ground = folder / "ground_control_points.json"
     return (
         add_to(project, read_ground(ground, project.block, local)) if ground.is_file() else project
     )
+
+
+def _leaders(whole):
+    """Shot -> that of its rig instance whose camera is named first among the rig's."""
+    cameras = whole.get("rig_cameras")
+    order = {name: k for k, name in enumerate(cameras if isinstance(cameras, dict) else ())}
+    leader = {}
+    instances = whole.objects("rig_instances", "rig instance") if order else {}
+    for instance in instances.values():
+        taken = instance.get("rig_camera_ids")
+        if not isinstance(taken, dict) or not all(str(name) in order for name in taken.values()):
+            raise instance.wrong("rig_camera_ids names no rig camera; export the project again")
+        if taken:
+            leader |= dict.fromkeys(taken, min(taken, key=lambda shot: order[taken[shot]]))
+    return leader
 
 
 def _largest(found, notes):

@@ -6,14 +6,15 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
-from scipy.spatial.transform import Rotation
 
 from corridor.core.block import Block
 from corridor.core.errors import InputError
+from corridor.core.geometry import rotation_from_quaternion, vector_from_rotation
 from corridor.core.gnss import about_the_middle, local_of
 from corridor.tools.formats.cameras import in_the_middle
 from corridor.tools.formats.columns import numbered, text_of, write_rows
 from corridor.tools.formats.frames import moved
+from corridor.tools.formats.hanging import Hanging
 from corridor.tools.formats.rows import camera_positions, rows_of
 
 MAIN = "reconstruction.json"
@@ -30,7 +31,7 @@ def write(block: Block, folder: Path, name: str) -> None:
     shots = {}
     positions = camera_positions(block).set_index("image")
     times = np.nan_to_num(block.column("images", "time_s"), posinf=0.0, neginf=0.0)
-    vector = Rotation.from_matrix(rows.rotation).as_rotvec()
+    vector = vector_from_rotation(rows.rotation)
     for k, (image, camera) in enumerate(zip(rows.image_names, block.images["camera"], strict=True)):
         shots[image] = {
             "rotation": vector[k].tolist(),
@@ -44,7 +45,7 @@ def write(block: Block, folder: Path, name: str) -> None:
             shots[image]["gps_position"] = [float(place[axis]) for axis in "xyz"]
             shots[image]["gps_dop"] = float(np.sqrt(place["sx"] * place["sy"]))
     cameras = {name: _table(camera) for name, camera in block.cameras.items()}
-    whole = {"cameras": cameras, "shots": shots}
+    whole = {"cameras": cameras, "shots": shots} | _rigs(block, Hanging.of(block))
     local = local_of(block)
     if local:
         whole["reference_lla"] = {
@@ -61,6 +62,32 @@ def write(block: Block, folder: Path, name: str) -> None:
     _write_tracks(rows, xy[:ties], folder / "tracks.csv")
     if len(block.marks):
         _write_ground(block, rows, xy[ties:], folder / "ground_control_points.json", local)
+
+
+def _rigs(block, hanging):
+    """rig_cameras and rig_instances: OpenSfM wants every shot in one, or none."""
+    if not hanging.mounted:
+        return {}
+    names = block.images[["image", "camera"]].to_numpy(object)
+    cameras = {name: (np.eye(3), np.zeros(3)) for name in block.cameras}
+    cameras |= {name: (one.rotation, one.place) for name, one in hanging.members().items()}
+    turned = rotation_from_quaternion(hanging.pose[:, 3:])
+    return {
+        "rig_cameras": {name: _pose(*pose) for name, pose in cameras.items()},
+        "rig_instances": {
+            names[rows[0], 0]: _pose(turned[rows[0]], hanging.pose[rows[0], :3])
+            | {"rig_camera_ids": dict(names[rows].tolist())}
+            for rows in hanging.frames()
+        },
+    }
+
+
+def _pose(rotation, centre):
+    """rotation (3, 3), into the camera, and centre as OpenSfM has them."""
+    return {
+        "rotation": vector_from_rotation(rotation[None])[0].tolist(),
+        "translation": (-rotation @ centre).tolist(),
+    }
 
 
 def _dump(what, path):
