@@ -13,6 +13,7 @@ from corridor.core.errors import InputError
 from corridor.core.textfile import Line, Xml, lines, number, read_lines
 from corridor.tools.formats.columns import NumberLines
 from corridor.tools.formats.textfile import Following, Json, filled
+from corridor.tools.readout.lens import read_camera
 
 
 def test_lines_of_any_encoding_and_ending_are_counted_from_one(tmp_path):
@@ -120,3 +121,17 @@ def test_a_damaged_packed_text_is_a_sentence(tmp_path):
     (tmp_path / "a.pos.gz").write_bytes(data)
     with pytest.raises(InputError, match=r"a\.pos\.gz cannot be read"):
         read_lines(tmp_path / "a.pos.gz")
+
+
+def test_settings_with_a_byte_order_mark_are_settings_and_what_is_none_is_told(tmp_path):
+    """Editors of Windows write the mark; cameras, plans and conventions may come from there."""
+    path = tmp_path / "camera.toml"
+    table = "[camera.A]\nwidth = 100\nheight = 80\nf = 90.0\n"
+    path.write_text(table, encoding="utf-8-sig")
+    assert read_camera(path)["f"] == 90.0
+    for content, told in ((b"[camera", "is not valid TOML"), (b"name = '\xff'", "is not UTF-8")):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=f"camera.toml {told}"):
+            textfile.read_toml(path)
+    with pytest.raises(InputError, match="none.toml cannot be read"):
+        textfile.read_toml(tmp_path / "none.toml")

@@ -11,6 +11,7 @@ import gzip
 import io
 import math
 import re
+import tomllib
 import warnings
 import zlib
 from collections.abc import Iterator
@@ -233,6 +234,21 @@ def _western(line: Line) -> str:
             "UTF-8"
         )
     return text
+
+
+def read_toml(path: Path) -> dict:
+    """The table of a TOML file in UTF-8, with a byte order mark or without.
+
+    Raises InputError where the file cannot be read or is none.
+    """
+    try:
+        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}): correct the path") from error
+    except UnicodeDecodeError:
+        raise InputError(f"{path} is not UTF-8: save it as UTF-8") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path} is not valid TOML ({error}): correct it") from None
 
 
 def read_lines(path: Path) -> list[str]:

@@ -1,7 +1,6 @@
 """From a track and moments of exposure to the table gnss.csv of a block."""
 
 import os
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +22,7 @@ from corridor.core.gnss.track_attitudes import attitudes_at, axes_at, stated
 from corridor.core.gnss.witnesses import contradicted
 from corridor.core.options import options
 from corridor.core.output import whole_files, write_picture
+from corridor.core.textfile import read_toml
 
 _COLUMNS = ["image", "x", "y", "z", "sx", "sy", "sz"]
 _SETTINGS = "block.toml"
@@ -380,10 +380,7 @@ def frame_of_block(images: str | os.PathLike) -> tuple[str | None, np.ndarray, L
     path = (path if path.is_dir() else path.parent) / _SETTINGS
     if not path.is_file():
         return None, np.zeros(3), None
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, ValueError) as error:
-        raise InputError(f"{path}: {error}; correct the file") from None
+    table = read_toml(path)
     try:
         offset = np.array(table.get("offset", [0.0, 0.0, 0.0]), dtype=float).reshape(3)
     except (TypeError, ValueError):

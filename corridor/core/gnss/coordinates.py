@@ -63,10 +63,10 @@ class Local:
         return cls(round(float(middle[1]), 4), round(lon_deg, 4))
 
     @classmethod
-    def amid(cls, places: np.ndarray, crs: str) -> Local:
-        """The same about the median of places (n, 3) in a CRS."""
+    def amid(cls, places: np.ndarray, crs: str, digits: int = 4) -> Local:
+        """The same about the median of places (n, 3) in a CRS; digits: decimals of its degrees."""
         lon_deg, lat_deg, _ = np.median(convert(places, crs, GEOGRAPHIC), axis=0)
-        return cls(round(float(lat_deg), 4), round(float(lon_deg), 4))
+        return cls(round(float(lat_deg), digits), round(float(lon_deg), digits))
 
     @property
     def origin(self) -> tuple[float, float, float]:

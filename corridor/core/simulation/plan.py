@@ -3,7 +3,6 @@
 import math
 import numbers
 import os
-import tomllib
 import types
 import typing
 from collections.abc import Mapping
@@ -21,6 +20,7 @@ from corridor.core.brief import brief
 from corridor.core.camera import Camera
 from corridor.core.errors import InputError, did_you_mean
 from corridor.core.simulation.axis import Axis
+from corridor.core.textfile import read_toml
 
 _READY_MADE, _CAMERAS = (Path(__file__).with_name(name) for name in ("plans", "cameras.toml"))
 
@@ -379,7 +379,7 @@ class Plan:
 @cache
 def cameras() -> dict[str, Camera]:
     """Cameras that a plan may call by name: those of `cameras.toml`."""
-    tables = tomllib.loads(_CAMERAS.read_text(encoding="utf-8"))
+    tables = read_toml(_CAMERAS)
     return {
         name: Camera.from_table(name, {k: v for k, v in table.items() if k != "source"})
         for name, table in tables.items()
@@ -429,14 +429,7 @@ def read_plan(plan: str | os.PathLike) -> Plan:
 
 
 def _read(path: Path) -> Plan:
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): give a plan") from error
-    except UnicodeDecodeError:
-        raise InputError(f"{path} is not UTF-8: save it as UTF-8") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path} is not valid TOML: {error}") from error
+    table = read_toml(path)
     if path.name == "block.toml" and "flight" not in table:
         raise InputError(
             f"{path} is of a block, no plan: `corridor simulate --like BLOCK` "

@@ -175,33 +175,17 @@ def _footprints(flown: Flown, low: float, high: float) -> np.ndarray:
     return out
 
 
-@compiled()
 def _fill(box, origin, size, cells):
     """Images whose footprint touches each cell of a grid, ascending."""
-    count = np.zeros(cells[0] * cells[1] + 1, dtype=np.int64)
-    image = np.empty(0, dtype=np.int32)
-    for fill in (False, True):
-        for i in range(box.shape[0]):
-            x0 = int((box[i, 0] - origin[0]) / size)
-            y0 = int((box[i, 1] - origin[1]) / size)
-            x1 = int((box[i, 2] - origin[0]) / size)
-            y1 = int((box[i, 3] - origin[1]) / size)
-            for x in range(x0, min(x1, cells[0] - 1) + 1):
-                for y in range(y0, min(y1, cells[1] - 1) + 1):
-                    cell = x * cells[1] + y
-                    if fill:
-                        image[count[cell]] = i
-                        count[cell] += 1
-                    else:
-                        count[cell + 1] += 1
-        if not fill:
-            count = np.cumsum(count)
-            image = np.empty(count[-1], dtype=np.int32)
-    # Filling moved each start to the next one's.
-    start = np.zeros(len(count), dtype=np.int64)
-    for cell in range(1, len(count)):
-        start[cell] = count[cell - 1]
-    return start, image
+    first, last = (((part - origin) / size).astype(np.int64) for part in (box[:, :2], box[:, 2:]))
+    wide = np.minimum(last, cells - 1) - first + 1
+    count = wide.prod(axis=1)
+    image = np.repeat(np.arange(len(box), dtype=np.int32), count)
+    step = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    x, y = first[image].T + np.divmod(step, wide[image, 1])
+    cell = x * cells[1] + y
+    start = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=cells.prod()))])
+    return start, image[np.argsort(cell, kind="stable")]
 
 
 @compiled(error_model="numpy")
@@ -247,10 +231,7 @@ def _visit(points, grid, pictures):
                 continue
             if _inside(points[p], i, pictures):
                 if n == len(image):
-                    fuller = np.empty(2 * n, dtype=np.int32)
-                    for k in range(n):
-                        fuller[k] = image[k]
-                    image = fuller
+                    image = np.concatenate((image, np.empty_like(image)))
                 image[n] = i
                 n += 1
                 seen[p] += 1
@@ -262,16 +243,10 @@ def _thin(start, image, turn, images, target):
     count = np.zeros(images, dtype=np.int64)
     keep = np.zeros(len(turn), dtype=np.bool_)
     for p in turn:
-        if start[p + 1] - start[p] < 2:
-            continue
-        wanted = 0.0
-        for n in range(start[p], start[p + 1]):
-            wanted += target - count[image[n]]
-        if wanted <= 0:
-            continue
-        keep[p] = True
-        for n in range(start[p], start[p + 1]):
-            count[image[n]] += 1
+        mine = image[start[p] : start[p + 1]]
+        if len(mine) > 1 and np.sum(target - count[mine]) > 0:
+            keep[p] = True
+            count[mine] += 1
     return keep
 
 

@@ -26,15 +26,14 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import block_diag, csr_array, hstack, vstack
 
-from corridor.core.engine.compiled import compiled
 from corridor.core.errors import InputError
 from corridor.tools.change.epoch import Cloud, Epoch, Spread, coordinates
 
 KINDS = ("control", "priors", "gnss")
 # Two surveys of a control point are one where they agree to a tenth of a millimetre.
 SAME_M = 1e-4
-# Numbers of a covariance held at a time.
-_HELD = 40_000_000
+# Right sides that are solved for at a time: more would fill memory and cache.
+_SOME = 600
 
 
 class Joint:
@@ -280,64 +279,14 @@ def _antennas(epoch: Epoch) -> Side:
     return Side.of(epoch, np.asarray(gnss.jacobian.T @ moved))
 
 
-@compiled(nogil=True, error_model="numpy", fastmath={"contract"})
-def quadratic_forms(start, column, value, place, matrix, out):
-    """Adds s' Q s of sparse rows s to out (r,).
-
-    start, column, value: rows in compressed storage; place: where a column stands in matrix, its
-    part of Q.
-    """
-    for r in range(len(out)):
-        total = 0.0
-        for a in range(start[r], start[r + 1]):
-            i = place[column[a]]
-            part = 0.5 * value[a] * matrix[i, i]
-            for b in range(start[r], a):
-                part += value[b] * matrix[i, place[column[b]]]
-            total += 2.0 * value[a] * part
-        out[r] += total
-
-
 def variances(rows: csr_array, solve) -> np.ndarray:
-    """s' Q s (r,) of sparse rows (r, n); solve(right) gives Q right.
-
-    Rows are taken in the order of the unknowns they touch, so that each piece of Q serves many.
-    """
-    rows = csr_array(rows)
-    rows.sort_indices()
-    n, out = rows.shape[1], np.zeros(rows.shape[0])
-    # Where images are ordered along the corridor, neighbours touch the same unknowns.
-    least = np.zeros(len(out))
-    filled = np.diff(rows.indptr) > 0
-    least[filled] = rows.indices[rows.indptr[:-1][filled]]
-    order = np.argsort(least, kind="stable")
-    first = 0
-    while first < len(order):
-        touched, count, last = np.zeros(n, dtype=bool), 0, first
-        while last < len(order):
-            r = order[last]
-            mine = rows.indices[rows.indptr[r] : rows.indptr[r + 1]]
-            new = mine[~touched[mine]]
-            if last > first and (count + len(new)) * n > _HELD:
-                break
-            touched[new], count, last = True, count + len(new), last + 1
-        at = np.flatnonzero(touched)
-        place = np.zeros(n, dtype=np.int64)
-        place[at] = np.arange(len(at))
-        some = order[first:last]
-        part, found = rows[some], np.zeros(len(some))
-        quadratic_forms(part.indptr, part.indices, part.data, place, _part(solve, at, n), found)
-        out[some] = found
-        first = last
-    return out
-
-
-def _part(solve, at: np.ndarray, n: int, chunk: int = 600) -> np.ndarray:
-    """Q[at, at]."""
-    out = np.empty((len(at), len(at)))
-    for first in range(0, len(at), chunk):
-        some = at[first : first + chunk]
-        unit = np.zeros((n, len(some)))
-        unit[some, np.arange(len(some))] = 1.0
-        out[:, first : first + len(some)] = solve(unit)[at]
+    """s' Q s (r,) of sparse rows (r, n); solve(right) gives Q right."""
+    out = np.empty(rows.shape[0])
+    for first in range(0, len(out), _SOME):
+        part = csr_array(rows[first : first + _SOME])
+        solved = solve(part.toarray().T)
+        row = np.repeat(np.arange(part.shape[0]), np.diff(part.indptr))
+        out[first : first + _SOME] = np.bincount(
+            row, part.data * solved[part.indices, row], part.shape[0]
+        )
     return out

@@ -6,13 +6,13 @@ time of a point takes its stored row.
 """
 
 import os
-import tomllib
 from pathlib import Path
 
 import numpy as np
 
 from corridor.core.camera import Camera, project_rays, undistort
 from corridor.core.errors import InputError
+from corridor.core.textfile import read_toml
 from corridor.tools.readout.photograph import Photograph
 
 Calibration = Camera | str | os.PathLike | None
@@ -112,13 +112,7 @@ def read_camera(path: str | os.PathLike) -> Camera:
     not exactly one camera.
     """
     path = Path(path)
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or 'it cannot be read'}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is not TOML ({error}): write a [camera.NAME] table") from None
-    tables = content.get("camera")
+    tables = read_toml(path).get("camera")
     if not isinstance(tables, dict) or not all(isinstance(t, dict) for t in tables.values()):
         raise InputError(f"{path} has no [camera.NAME] table: add one")
     if len(tables) != 1:

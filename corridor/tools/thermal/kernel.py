@@ -206,8 +206,8 @@ def match(picture, windows, start, chosen, rounds, least):
     for n in range(count):
         if not chosen[n]:
             continue
-        p = np.zeros(6)
-        p[0], p[1] = start[n, 0], start[n, 1]
+        p, warp = np.zeros(6), np.eye(3)
+        p[:2] = warp[:2, 2] = start[n]
         for k in range(rounds):
             squares = _sums(picture, windows, n, p, right)
             if squares < 0.0:
@@ -217,32 +217,18 @@ def match(picture, windows, start, chosen, rounds, least):
                 break
             d = q[:6] / q[7]
             # W(p) after the inverse of W(d): both are x -> x + shift + slopes X / half.
-            m = np.empty((2, 2))
-            m[0, 0], m[0, 1] = 1.0 + d[2] / half, d[4] / half
-            m[1, 0], m[1, 1] = d[3] / half, 1.0 + d[5] / half
-            det = m[0, 0] * m[1, 1] - m[0, 1] * m[1, 0]
-            if not abs(det - 1.0) < 0.5:
+            moved = np.eye(3)
+            moved[:2, 0] += d[2:4] / half
+            moved[:2, 1] += d[4:] / half
+            moved[:2, 2] = d[:2]
+            if not abs(np.linalg.det(moved) - 1.0) < 0.5:
                 break
-            b = np.empty((2, 2))
-            b[0, 0], b[0, 1], b[1, 0], b[1, 1] = m[1, 1], -m[0, 1], -m[1, 0], m[0, 0]
-            b /= det
-            bx = -(b[0, 0] * d[0] + b[0, 1] * d[1])
-            by = -(b[1, 0] * d[0] + b[1, 1] * d[1])
-            a00, a01 = 1.0 + p[2] / half, p[4] / half
-            a10, a11 = p[3] / half, 1.0 + p[5] / half
-            p[0] += a00 * bx + a01 * by
-            p[1] += a10 * bx + a11 * by
-            p[2] = (a00 * b[0, 0] + a01 * b[1, 0] - 1.0) * half
-            p[4] = (a00 * b[0, 1] + a01 * b[1, 1]) * half
-            p[3] = (a10 * b[0, 0] + a11 * b[1, 0]) * half
-            p[5] = (a10 * b[0, 1] + a11 * b[1, 1] - 1.0) * half
+            warp = warp @ np.linalg.inv(moved)
+            slopes = half * (warp - np.eye(3))
+            p[:2], p[2:4], p[4:] = warp[:2, 2], slopes[:2, 0], slopes[:2, 1]
             if np.abs(d).max() < least:
-                left = squares
-                for i in range(_UNKNOWNS):
-                    left -= q[i] * right[i]
-                total = squares - right[6] ** 2 / pixels
-                shift[n, 0], shift[n, 1] = p[0], p[1]
-                bend[n] = p[2:]
+                left, total = squares - q @ right, squares - right[6] ** 2 / pixels
+                shift[n], bend[n] = p[:2], p[2:]
                 gain[n] = q[7]
                 rest[n] = np.sqrt(max(left, 0.0) / (pixels - _UNKNOWNS))
                 like[n] = np.sqrt(max(0.0, 1.0 - left / total)) if total > 0.0 else 0.0

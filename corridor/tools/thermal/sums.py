@@ -232,7 +232,8 @@ class Sums:
         mask = np.ones(len(t)) if use is None else use.astype(float)
         term, of = self.columns(kind, powers)
         by = power[:, of] * mask[:, None]
-        moments = np.einsum("nm,nq,nkl->mqkl", power * mask[:, None], power, K, optimize=True)
+        products = (power * mask[:, None])[:, :, None] * power[:, None]
+        moments = np.tensordot(products, K, axes=(0, 0))
         N = moments[of[:, None], of, term[:, None], term]
         right = np.sum(by * r[:, term], axis=0)
         if len(steps):

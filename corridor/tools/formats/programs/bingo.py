@@ -23,7 +23,6 @@ Source: angles and frames, Kraus 2007; layout of the image coordinates as real
 Pix4D exports for BINGO have it. What a file means is proved by reprojection.
 """
 
-import tomllib
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -34,7 +33,7 @@ from scipy.spatial.transform import Rotation
 from corridor.core.camera import Camera
 from corridor.core.errors import InputError, did_you_mean
 from corridor.core.gnss import in_metres
-from corridor.core.textfile import Line
+from corridor.core.textfile import Line, read_toml
 from corridor.tools.formats.cameras import FLIP, in_the_middle
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.project import Contents, Project, Views
@@ -97,10 +96,7 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
 
 def _convention(path: Path) -> dict:
     """The tables of the file, checked; `images`: the patterns of the cameras, taken out of them."""
-    try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path.name} cannot be read ({error}); write it as TOML") from None
+    table = read_toml(path)
     for name, keys in _KEYS.items():
         part = table.get(name)
         if not isinstance(part, dict):

@@ -24,6 +24,7 @@ from corridor.core.geometry import (
     quaternion_from_rotation,
     rotation_from_angles,
     rotation_from_quaternion,
+    vector_from_rotation,
 )
 from corridor.core.gnss import known_crs
 from corridor.core.textfile import Line
@@ -302,15 +303,12 @@ def _compare(names, centre, rotation, path, warnings):
     pose = np.array([external[names[k]] for k in rows])
     away = np.abs(centre[rows] - pose[:, :3]).max()
     turned = np.array([rotation_from_angles(*angles) for angles in pose[:, 3:]])
-    quaternions = [
-        quaternion_from_rotation(matrix)
-        for matrix in (FLIP @ turned.transpose(0, 2, 1), rotation[rows])
-    ]
-    near = np.abs(np.prod(quaternions, axis=0).sum(axis=1)).min()
-    if away > 1e-3 or near < np.cos(1e-5):
+    between = rotation[rows] @ turned @ FLIP.T
+    off = np.linalg.norm(vector_from_rotation(between), axis=1).max()
+    if away > 1e-3 or off > 2e-5:
         warnings.append(
             f"{path.name} and {_MAIN} disagree by up to {away:.3g} m and "
-            f"{np.degrees(2 * np.arccos(min(near, 1.0))):.2g} degrees; the latter was taken"
+            f"{np.degrees(off):.2g} degrees; the latter was taken"
         )
 
 

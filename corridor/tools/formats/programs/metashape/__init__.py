@@ -23,7 +23,7 @@ import pandas as pd
 from corridor.core.camera import MODELS
 from corridor.core.errors import InputError, some
 from corridor.core.geometry import rotation_from_roll_pitch_yaw
-from corridor.core.gnss import GEOCENTRIC, GEOGRAPHIC, Local, convert, known_crs
+from corridor.core.gnss import GEOCENTRIC, GEOGRAPHIC, Local, known_crs
 from corridor.core.output import counted
 from corridor.core.textfile import Xml
 from corridor.tools.formats.cameras import (
@@ -486,9 +486,10 @@ def _project(chunk, cloud, path, notes, warnings):
     elif free:
         marked = _Reference([part.find("reference") for part in chunk.markers.values()]).place
         stated = np.concatenate([measured.place[have], marked[np.isfinite(marked).all(axis=1)]])
-        world.local = _local(None, stated, crs)
+        world.local = _amid(stated, crs)
     if (crs is not None or world.geocentric) and not free:
-        world.local = _local(centre[known] if world.geocentric else None, measured.place[have], crs)
+        earth = (centre[known], GEOCENTRIC) if world.geocentric else (measured.place[have], crs)
+        world.local = _amid(*earth)
     if world.geocentric:
         turn = world.local.rotation()
         centre[known] = world.local.from_crs(centre[known], GEOCENTRIC)
@@ -698,16 +699,9 @@ def _sigmas(element):
     return np.where(found > 0, found, np.nan)
 
 
-def _local(geocentric, place, crs):
-    """A frame about the middle of the cameras, on round numbers."""
-    if geocentric is not None:
-        geographic = convert(geocentric, GEOCENTRIC, GEOGRAPHIC)
-    elif len(place):
-        geographic = convert(place, crs, GEOGRAPHIC)
-    else:
-        return None
-    lon, lat, _ = np.median(geographic, axis=0)
-    return Local(round(float(lat), 3), round(float(lon), 3), 0.0)
+def _amid(places, crs):
+    """A frame about the middle of places (n, 3) in a system, on round numbers; None without any."""
+    return Local.amid(places, crs, digits=3) if len(places) else None
 
 
 def _gnss(names, reference, measured, have, notes):
