@@ -434,7 +434,9 @@ def _outliers(a, missed):
         if found and found["outliers"]:
             frame = a.residuals[kind]
             names = frame.loc[frame["outlier"], frame.columns[0]].astype(str).tolist()
-            yield (f"{counted(len(names), what)} beyond 5 sigmas: {some(names, 10)}{remedy}.")
+            yield (
+                f"{counted(len(names), what)} beyond 5 robust sigmas: {some(names, 10)}{remedy}."
+            )
 
 
 def _insignificant(a):

@@ -323,7 +323,7 @@ def _compared(sigma0: float) -> str:
 
 
 def _observations(adjustment: Adjustment) -> Table:
-    """Number, outliers, RMS and sigma naught of each kind of measurement."""
+    """Number, outliers and RMS of each kind of measurement, and that in its stated sigmas."""
     rows, gross = [], []
     for kind, found in adjustment.statistics.items():
         if not found.get("count"):
@@ -337,13 +337,13 @@ def _observations(adjustment: Adjustment) -> Table:
         f"redundancy {adjustment.redundancy:,}"
     ]
     if gross:
-        left_out = "RMS and sigma naught of a line leave out gross errors, beyond 15 robust sigmas"
+        left_out = "the RMS of a line leaves out gross errors, beyond 15 robust sigmas"
         notes.insert(0, f"{left_out}: {', '.join(gross)}")
     correlated = adjustment.correlated_kinds
     if correlated:
         named = ", ".join(_KINDS[kind] for kind in correlated)
         notes.append(f"adjusted with the correlations of their coordinates: {named}")
-    header = ("residuals", "count", "outliers", "RMS", "sigma naught")
+    header = ("residuals", "count", "outliers", "RMS", "RMS / sigma")
     return Table("Observations", header, tuple(rows), "lrrlr", tuple(notes))
 
 
@@ -388,7 +388,8 @@ def _reliability(adjustment: Adjustment) -> Table | None:
     ]
     notes = [
         "redundancy: share of an error that its residual shows; w: residual over its own sigma, "
-        "beyond 3.3 one of a thousand good ones; least error found with a probability of 80 %",
+        "beyond 3.3 for one good measurement in a thousand; least error: the smallest that is "
+        "found with a probability of 80 %",
         "each measurement, with its prediction by all others: reliability.csv",
         *_hidden(adjustment),
     ]

@@ -11,7 +11,7 @@ import pandas as pd
 from corridor.core import registry
 from corridor.core.adjustment import Adjustment
 from corridor.core.block import Block
-from corridor.core.output import Table, counted, png, readable
+from corridor.core.output import Table, counted, millimetres, png, readable
 
 # Points of one kind that are listed; of more, the farthest off.
 MOST_LISTED = 40
@@ -57,6 +57,14 @@ class Subject:
         """Whether control or GNSS determine where the block lies."""
         p = self.adjustment.problem
         return bool(len(p.control_rows) or len(p.gnss_image))
+
+    def compared(self, found: float) -> str:
+        """Whether a 3D error, m, is within what is required: a sentence, or nothing."""
+        if self.required is None:
+            return ""
+        word = "within" if found <= self.required else "beyond"
+        wanted = millimetres(self.required)
+        return f" In 3D that is {millimetres(found)}, {word} the required {wanted}."
 
     def picture(self, name: str, of: Any, caption: str) -> tuple[str, str, bytes]:
         """A picture by the name of its function in `corridor.figures`."""
@@ -132,7 +140,10 @@ class CheckPoints:
              *(f"{1e3 * value:.1f}" for value in self.survey[k]))
             for k in rows
         )  # fmt: skip
-        notes = ["adjusted minus given, standard deviation of the adjusted, and of the survey; mm"]
+        notes = [
+            "dx, dy, dz: adjusted minus given; sx, sy, sz: standard deviations of the adjusted "
+            "point; survey: those of the given point; mm"
+        ]
         if len(rows) < len(self):
             notes.append(f"the {len(rows)} farthest off of {counted(len(self), 'point')}")
         header = ("check point", "dx", "dy", "dz", "sx", "sy", "sz", "survey x", "y", "z")

@@ -1,14 +1,16 @@
 """Certificates: figures by hand, refusals, the same bytes, and every changed byte noticed."""
 
+import io
 import shutil
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import corridor
 from corridor import cli
 from corridor.core.simulation import Flight, Ground, Noise, Plan, simulate
-from corridor.tools.certificate import certify, form_names, verify
+from corridor.tools.certificate import certify, form_names, paper, verify
 from corridor.tools.certificate.forms import asprs
 
 PLAN = Plan(
@@ -110,6 +112,25 @@ class TestClaims:
         bare.write(tmp_path / "bare")
         stated = certify(tmp_path / "bare", "asprs")
         assert any("no standard deviations" in doubt for doubt in stated.report.warnings)
+
+    @pytest.mark.parametrize("form", form_names())
+    def test_what_is_required_is_compared_with_what_was_found(self, folder, adjusted, form):
+        for required, word in ((0.5, "within"), (0.001, "beyond")):
+            said = certify(folder, form, required=required, adjustment=adjusted).report.opening
+            assert f"{word} the required" in said
+
+    @pytest.mark.parametrize("form", form_names())
+    def test_what_the_adjustment_doubts_stands_in_every_form(self, block, tmp_path, form):
+        """A control point 20 cm too high, surveyed to 6 mm."""
+        ground = block.ground.copy()
+        ground.loc[ground.index[ground["role"].astype(str) == "control"][1], "z"] += 0.2
+        block.with_(ground=ground).write(tmp_path / "wrong")
+        warnings = certify(tmp_path / "wrong", form).report.warnings
+        assert any("control is wrong" in warning for warning in warnings)
+
+    def test_the_full_form_says_that_points_are_too_few_for_a_class(self, block, tmp_path):
+        fewer(block, 5).write(tmp_path / "few")
+        assert "too few for an accuracy class" in str(certify(tmp_path / "few"))
 
     def test_points_in_vegetation_are_stated_apart(self, block, tmp_path):
         ground = block.ground.copy()
@@ -232,3 +253,22 @@ def test_long_tables_go_on_on_the_next_sheet_with_their_heading():
     assert content.startswith(b"%PDF") and content.count(b"/Type /Page ") + content.count(
         b"/Type /Page\n") > 2  # fmt: skip
     assert content == pdf(Report("Many", "An opening.", tables=[table]))
+
+
+class TestPaper:
+    def test_a_bold_line_stays_within_its_room(self):
+        """Bold letters are wider: a title that just fits in others ran over the margin."""
+        title = "Certificate of computed accuracy, ASPRS edition 2 (2023): saraburi_full"
+        for size in np.arange(11.0, 15.0, 0.5):
+            lines = paper._wrapped(title, size, paper._ROOM, "bold")
+            assert max(paper._width(line, size, "bold") for line in lines) <= paper._ROOM
+
+    @pytest.mark.parametrize(("share", "sheets"), [(0.9, 1), (0.6, 2)])
+    def test_a_picture_is_a_little_smaller_rather_than_alone_on_a_sheet(self, share, sheets):
+        made = paper._Sheets()
+        below = 8 + 3 * paper._LEAD * paper._NOTE
+        made.top = paper.HIGH - paper.MARGIN - below - share * paper._PICTURE * paper.HIGH
+        stream = io.BytesIO()
+        Image.new("RGB", (100, 100)).save(stream, "png")
+        made.picture("square", "", stream.getvalue())
+        assert len(made.figures) == sheets

@@ -29,7 +29,7 @@ def statement(subject: Subject) -> Statement:
     if len(points):
         tables.append(accuracy.tables[0])
     tables.append(proof.tables[-1])
-    doubts = list(dict.fromkeys([*proof.doubts, *(accuracy.doubts if len(points) else [])]))
+    doubts = accuracy.doubts if len(points) else proof.doubts
     caption = (
         "Standard deviations of the points, exact: in the datum of the block, and among themselves."
     )
