@@ -77,6 +77,19 @@ def blunders(v: np.ndarray, share: np.ndarray) -> list[Blunder]:
     return sorted(found, key=lambda blunder: -abs(blunder.w))
 
 
+def with_scale(v: np.ndarray, share: np.ndarray, others: float) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals and cofactors R for `blunders` where all other measurements scatter `others` times
+    as much as is stated: these residuals scatter with R R + others^2 (R - R R), and an error e
+    shows in them as R e. Along the axes of R, l its size, both are divided by l + others^2 (1 - l).
+    """
+    if others == 1.0:
+        return v, share
+    size, axes = np.linalg.eigh(share)
+    size = np.clip(size, 0.0, 1.0)
+    scatter = size + others**2 * (1.0 - size)
+    return axes @ (axes.T @ v / scatter), (axes * (size / scatter)) @ axes.T
+
+
 def _without(v: np.ndarray, share: np.ndarray, taken: list[int]) -> tuple[np.ndarray, np.ndarray]:
     """Residuals and cofactors where the errors of some are estimated."""
     if not taken:

@@ -1,6 +1,7 @@
 """Certificates: figures by hand, refusals, the same bytes, and every changed byte noticed."""
 
 import io
+import json
 import shutil
 
 import numpy as np
@@ -10,7 +11,7 @@ from PIL import Image
 import corridor
 from corridor import cli
 from corridor.core.simulation import Flight, Ground, Noise, Plan, simulate
-from corridor.tools.certificate import certify, form_names, paper, verify
+from corridor.tools.certificate import certify, certifying, form_names, paper, verify
 from corridor.tools.certificate.forms import asprs
 
 PLAN = Plan(
@@ -185,6 +186,22 @@ class TestSameBytes:
         assert forged != content
         (tmp_path / name).write_bytes(forged)
         assert not verify(tmp_path / name, folder).same
+
+    @pytest.mark.parametrize(
+        "spoilt",
+        [
+            {"files": "abc"}, {"files": ["block.toml"]}, {"figures": None}, {"software": ["numpy"]},
+            {"form": ["asprs"]}, {"asked": [1]}, {"asked": {"model": {"priors": ["a"]}}},
+        ],
+        ids=str,
+    )  # fmt: skip
+    def test_a_record_of_another_shape_is_damaged(self, folder, tmp_path, spoilt):
+        hashed = {"files": certifying.hashes(folder), "figures": {}, "software": {}}
+        record = hashed | {"form": "asprs", "asked": {"model": {}}} | spoilt
+        written = paper.embedded(json.dumps(record), certifying.MARK)
+        (tmp_path / "certificate.html").write_text(written)
+        with pytest.raises(corridor.InputError, match="record inside the certificate is damaged"):
+            verify(tmp_path / "certificate.html", folder)
 
     def test_what_was_asked_is_asked_again(self, folder, tmp_path):
         model = corridor.Model(
