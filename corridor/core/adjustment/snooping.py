@@ -40,20 +40,21 @@ class Blunder:
     rivals: tuple[int, ...]
 
 
-def blunders(v: np.ndarray, share: np.ndarray) -> list[Blunder]:
+def blunders(v: np.ndarray, share: np.ndarray, least: int = 2) -> list[Blunder]:
     """The measurements that are wrong, the most significant first.
 
     v (n,): residuals, share (n, n): their cofactors, in units of the stated standard deviations.
-    At most a third of the measurements are named: beyond, nobody knows who is right.
+    At most a third of the measurements are named: beyond, nobody knows who is right. least: of
+    fewer none is.
     """
     count = len(v)
     shown = np.diag(share) > LEAST_SHOWN_SHARE if count else np.zeros(0, bool)
     tried = int(shown.sum())
     chosen: list[int] = []
-    if tried < 2:
+    if tried < least:
         return []
     one = chdtri(1, LEVEL / tried)
-    two = chdtri(2, LEVEL / (tried * (tried - 1) / 2))
+    two = chdtri(2, LEVEL / max(tried * (tried - 1) / 2, 1))
     while len(chosen) < max(tried // 3, 1):
         left, free = _without(v, share, chosen)
         single = _singles(left, free)

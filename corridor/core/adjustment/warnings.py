@@ -59,6 +59,7 @@ def grave(adjustment: Tables) -> list[str]:
         *_pixels(adjustment),
         *_fit(adjustment),
         *_wrong_control(adjustment),
+        *_wrong_distances(adjustment),
         *_outliers(adjustment, {place for place, _ in missed}),
     ]
 
@@ -395,15 +396,32 @@ def _wrong_control(a):
     if not len(found):
         return
     axes = {"x": "x", "y": "y", "z": "height"}
-    named = [
-        f"{row.point} in {axes[row.axis]} by {row.error:+.3f} +- {row.sigma:.3f} m"
-        + (f" (or else {row.or_else})" if row.or_else else "")
-        for row in found.itertuples(index=False)
-    ]
+    names = [f"{row.point} in {axes[row.axis]}" for row in found.itertuples(index=False)]
     yield (
-        f"Ground control is wrong, given minus true: {'; '.join(named)}. All other measurements "
-        "contradict it (data snooping of all coordinates together, 1 % false names): check the "
-        "survey and the marks, and leave it out (role check) if they do not explain it."
+        f"Ground control is wrong, given minus true: {_errors(names, found)}. All other "
+        "measurements contradict it (data snooping of all coordinates together, 1 % false names): "
+        "check the survey and the marks, and leave it out (role check) if they do not explain it."
+    )
+
+
+def _wrong_distances(a):
+    """Distances that all other observations contradict."""
+    found = a.wrong_distances if a.converged else ()
+    if len(found):
+        names = [f"{one} to {two}" for one, two in zip(found["from"], found["to"], strict=True)]
+        yield (
+            f"Distances are wrong, given minus true: {_errors(names, found)}. All other "
+            "measurements contradict it (data snooping of all distances together, 1 % false "
+            "names): check the tape and the marks at both ends, and take the row out of "
+            "distances.csv if they do not explain it."
+        )
+
+
+def _errors(names, found):
+    return "; ".join(
+        f"{name} by {row.error:+.3f} +- {row.sigma:.3f} m"
+        + (f" (or else {row.or_else})" if row.or_else else "")
+        for name, row in zip(names, found.itertuples(index=False), strict=True)
     )
 
 
