@@ -3,6 +3,7 @@
 import io
 import json
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from corridor import cli
 from corridor.core.simulation import Flight, Ground, Noise, Plan, simulate
 from corridor.tools.certificate import certify, certifying, form_names, paper, verify
 from corridor.tools.certificate.forms import asprs
+from corridor.tools.certificate.statement import CheckPoints
 
 PLAN = Plan(
     "short", (Flight("F1", 50.0, images=10, strips=2),), axis_m=((0.0, 0.0), (0.0, 80.0)),
@@ -52,6 +54,14 @@ def fewer(block, count):
     ground["role"] = ground["role"].astype(object)
     ground.loc[check[count:], "role"] = "unused"
     return block.with_(ground=ground)
+
+
+def covered(adjusted, cover):
+    """What `CheckPoints` sees of an adjustment, with this column `vegetated`."""
+    block = adjusted.problem.block
+    ground = block.ground.assign(vegetated=block.ground["point"].astype(str).map(cover))
+    problem = SimpleNamespace(block=block.with_(ground=ground))
+    return SimpleNamespace(check_points=adjusted.check_points, problem=problem)
 
 
 class TestFigures:
@@ -139,6 +149,14 @@ class TestClaims:
         block.with_(ground=ground).write(tmp_path / "green")
         text = str(certify(tmp_path / "green", "asprs"))
         assert "VVA, vegetated" in text and "stated, not judged" in text
+
+    def test_what_stands_in_vegetation_is_read_or_refused_by_its_row(self, adjusted):
+        names = adjusted.problem.block.ground["point"]
+        for words, found in ((["1.0", "0.0"], [True, False]), (["Yes", ""], [True, None])):
+            cover = dict(zip(names, words * (len(names) // 2), strict=True))
+            assert set(CheckPoints.of(covered(adjusted, cover)).vegetated) == set(found)
+        with pytest.raises(corridor.InputError, match="row 4: vegetated = 'reeds'"):
+            CheckPoints.of(covered(adjusted, {names.iloc[2]: "reeds"}))
 
     def test_where_all_points_are_in_vegetation_the_others_get_no_class(self, block, tmp_path):
         block.with_(ground=block.ground.assign(vegetated="1")).write(tmp_path / "reeds")
