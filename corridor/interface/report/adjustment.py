@@ -12,6 +12,7 @@ import pandas as pd
 from scipy.special import chdtri
 
 from corridor.core.adjustment import Adjustment, tested_by
+from corridor.core.geometry import is_outlier
 from corridor.core.output import (
     DASH,
     Report,
@@ -332,6 +333,13 @@ def _observations(adjustment: Adjustment) -> Table:
         rows.append((_KINDS[kind], *counts, _rms(kind, found["rms"]), fixed(found["sigma0"], 3)))
         if found.get("gross"):
             gross.append(f"{found['gross']:,} of {_KINDS[kind]}")
+    bars = adjustment.distances
+    if len(bars):
+        sizes = (bars["v"] / bars["sigma"]).to_numpy()
+        rms = f"{significant(math.sqrt(np.mean(bars['v'] ** 2)))} m"
+        far = f"{int(is_outlier(np.abs(sizes)).sum()):,}"
+        rows.append(("distances", f"{len(bars):,}", far, rms,
+                     fixed(math.sqrt(np.mean(sizes**2)), 3)))  # fmt: skip
     notes = [
         f"all together: sigma naught {fixed(adjustment.sigma0, 4)}, "
         f"redundancy {adjustment.redundancy:,}"

@@ -153,6 +153,8 @@ class TestWrongBars:
         told = [note for note in adjusted.warnings if note.startswith("Distances are wrong")]
         assert len(told) == bool(wrong)
         assert all(f"{name} to" in told[0] for name in table.loc[wrong, "from"])
+        row = next(line for line in str(adjusted).splitlines() if line.startswith("  distances "))
+        assert row.split()[1] == str(bars)
 
 
 class TestFiles:

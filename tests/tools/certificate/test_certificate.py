@@ -117,6 +117,8 @@ class TestClaims:
         block.with_(ground=ground, gnss=block.gnss.iloc[:0]).write(tmp_path / "free")
         stated = certify(tmp_path / "free", "asprs")
         assert any("free network" in doubt for doubt in stated.report.warnings)
+        assert stated.report.opening.startswith("No accuracy is stated")
+        assert "RMSE" not in str(stated) and "systematic" not in str(stated)
 
     def test_a_default_in_place_of_the_surveys_error_is_said(self, block, tmp_path):
         bare = block.with_(ground=block.ground.drop(columns=["sx", "sy", "sz"]))

@@ -39,7 +39,9 @@ def statement(subject: Subject) -> Statement:
     errors = Errors(points.difference, points.survey)
     area = _area(subject)
     needed = least_number(area)
-    tables = [_accuracy(errors, points, needed)]
+    tables = []
+    if subject.tied_to_ground:
+        tables = [_accuracy(errors, points, needed)]
     if len(points):
         tables += [_cover(points), _spread(subject, points, needed, area), points.listed()]
     pictures = []
@@ -101,6 +103,8 @@ def _claim(subject: Subject, points: CheckPoints, errors: Errors, needed: int) -
             "No accuracy is stated: no surveyed point was kept apart as a check point, so nothing "
             f"independent tests this block. The standard asks for {needed}."
         )
+    if not subject.tied_to_ground:
+        return "No accuracy is stated: neither control nor GNSS says where the block lies."
     found = (
         f"At {counted(count, 'check point')} RMSE_H is {_cm(errors.h)}, RMSE_V {_cm(errors.v)} and "
         f"RMSE_3D {_cm(errors.d3)}, the error of their survey included."
@@ -208,6 +212,7 @@ def _doubts(subject: Subject, points: CheckPoints, errors: Errors) -> list[str]:
             "The block is a free network: neither control nor GNSS says where it lies, so "
             "differences at check points say nothing of its accuracy."
         )
+        return out
     if len(points) and not points.stated.all():
         missing = int((~points.stated).sum())
         out.append(
