@@ -251,21 +251,54 @@ def table_of(p: Problem, state: State, covariance: Covariance, sigma0: float) ->
     """Each distance with its test: from, to, given, sigma, v (given minus adjusted), m, redundancy,
     w, least_error (found with 80 % where one good of a thousand is accused), m.
     """
-    from corridor.core.adjustment.reliability import DELTA, LEAST_SHOWN_SHARE
+    from corridor.core.adjustment.reliability import DELTA
 
-    shared = covariance.shared if len(p.distance_given) else np.zeros((0, 0))
-    frame = p.block.distances.iloc[p.distance_rows][["from", "to"]].reset_index(drop=True)
+    residual, whole = _tested(p, state, covariance)
+    share = np.diag(whole)
+    root = np.sqrt(np.where(share > 0.0, share, np.nan))
     sigma = p.distance_weight**-0.5
-    residual, by, columns = distance_rows(p, state)
-    known = np.array(
-        [row @ shared[np.ix_(at, at)] @ row for row, at in zip(by, columns, strict=True)]
-    ).reshape(-1)
-    share = np.clip(1.0 - p.distance_weight * known, 0.0, 1.0)
-    shown = share > max(LEAST_SHOWN_SHARE, 10.0 / TIGHT)
-    root = np.sqrt(np.where(shown, share, np.nan))
-    frame["given"], frame["sigma"], frame["v"] = p.distance_given, sigma, residual
-    frame["s_adjusted"] = sigma0 * np.sqrt(known)
-    frame["redundancy"] = np.where(shown, share, 0.0)
-    frame["w"] = residual / sigma / root
-    frame["least_error"] = np.where(shown, DELTA * sigma / root, np.inf)
+    frame = _named(p)
+    frame["given"], frame["sigma"], frame["v"] = p.distance_given, sigma, sigma * residual
+    frame["s_adjusted"] = sigma0 * sigma * np.sqrt(1.0 - share)
+    frame["redundancy"] = share
+    frame["w"] = residual / root
+    frame["least_error"] = np.where(share > 0.0, DELTA * sigma / root, np.inf)
     return with_units(frame, {"m": "given sigma v s_adjusted least_error"})
+
+
+def wrong_of(p: Problem, state: State, covariance: Covariance, sigma0: float) -> pd.DataFrame:
+    """Distances that all others contradict: from, to, error and sigma (given minus true, m), w, and
+    `or_else`, others that explain the same as well. Tested as control is, all together."""
+    from corridor.core.adjustment.snooping import blunders, with_scale
+
+    tested = with_scale(*_tested(p, state, covariance), max(sigma0, 1.0))
+    found = blunders(*tested, least=1)
+    sigma, named = p.distance_weight**-0.5, _named(p)
+    names = [" to ".join(pair) for pair in zip(named["from"], named["to"], strict=True)]
+    frame = named.iloc[[one.number for one in found]].reset_index(drop=True)
+    frame["error"] = [sigma[one.number] * one.error for one in found]
+    frame["sigma"] = [sigma[one.number] * one.sigma for one in found]
+    frame["w"] = [one.w for one in found]
+    frame["or_else"] = [", ".join(names[k] for k in one.rivals) for one in found]
+    return with_units(frame, {"m": "error sigma"})
+
+
+def _named(p: Problem) -> pd.DataFrame:
+    """The ends of each distance."""
+    return p.block.distances.iloc[p.distance_rows][["from", "to"]].reset_index(drop=True)
+
+
+def _tested(p: Problem, state: State, covariance: Covariance) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals (k,) of the distances and their cofactors (k, k), in their standard deviations;
+    zero of those that nothing else shows."""
+    from corridor.core.adjustment.reliability import LEAST_SHOWN_SHARE
+
+    root = np.sqrt(p.distance_weight)
+    if not len(root):
+        return root, np.zeros((0, 0))
+    residual, by, columns = distance_rows(p, state)
+    rows = np.zeros((len(root), len(covariance.shared)))
+    np.add.at(rows, (np.arange(len(root))[:, None], columns), root[:, None] * by)
+    share = np.eye(len(root)) - rows @ covariance.shared @ rows.T
+    shown = np.diag(share) > max(LEAST_SHOWN_SHARE, 10.0 / TIGHT)
+    return root * residual, np.where(shown[:, None] & shown, share, 0.0)

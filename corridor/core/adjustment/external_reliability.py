@@ -30,8 +30,10 @@ def moves(covariance: Covariance, controls: np.ndarray, errors: np.ndarray) -> p
     """
     system = covariance.system
     p = system.problem
-    count = len(p.point_index)
+    every = p.point_index
+    count = len(every)
     seen = np.union1d(np.arange(0, count, max(-(-count // MOST_POINTS), 1)), controls)
+    names = every[seen]
     regression = point_regression(system, seen)
     place = np.searchsorted(seen, controls)
     given = p.control[controls]
@@ -62,7 +64,7 @@ def moves(covariance: Covariance, controls: np.ndarray, errors: np.ndarray) -> p
         where = np.argmax(np.nan_to_num(length), axis=0)
         for k, row in enumerate(where.tolist()):
             found = length[row, k], plan[:, k].max(), np.abs(shift[:, 2, k]).max()
-            out.append((str(p.point_index[seen[row]]), *covariance.state.points[seen[row]], *found))
+            out.append((str(names[row]), *covariance.state.points[seen[row]], *found))
     table = pd.DataFrame(out, columns=["at", "x", "y", "z", "moved", "plan", "height"])
     table = table.astype(dict.fromkeys(table.columns[1:], float))
     return with_units(table, {"m": "x y z moved plan height"})

@@ -248,9 +248,9 @@ def _told_slow(found: Slow, start: Block) -> str:
     most = max(found.factor.values())
     return (
         f"GNSS: the errors of one position and the next are alike ({lasting} that lasts for some "
-        f"{found.constant:.0f} s). Standard deviations count up to {most:.1f} times, so that many "
-        "positions together are as sure as they are. RTK and PPK drift like this; where a model "
-        "lacks something it looks the same: `corridor diagnose` finds out."
+        f"{found.constant:.0f} s). Their standard deviations are multiplied by up to {most:.1f}, "
+        "because many such positions together are less certain than they seem. RTK and PPK drift "
+        "like this; where a model lacks something it looks the same: `corridor diagnose` finds out."
     )
 
 

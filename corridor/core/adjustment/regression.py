@@ -39,7 +39,8 @@ def point_regression(system: LinearSystem, points: np.ndarray) -> PointRegressio
     # Of points that are not control, the last.
     weight = np.concatenate([normal.control_weight[0], np.zeros((1, 6))])
     inverse = np.zeros((len(points), 3, 3))
-    own = np.zeros((len(p.img), 3, p.d))
+    start = np.concatenate([[0], np.cumsum(np.diff(p.ptr)[points])])
+    own = np.zeros((start[-1], 3, p.d))
     shared = np.zeros((len(points), 3, p.shared_count))
     ground = np.concatenate([_of_control(normal, view), np.zeros((1, 3, p.wide))])
     for first, last in normal.chunks(0, len(p.ptr) - 1, CHUNK):
@@ -54,16 +55,20 @@ def point_regression(system: LinearSystem, points: np.ndarray) -> PointRegressio
         whole = root.transpose(0, 2, 1) @ root
         inverse[number[first + wanted]] = whole[wanted]
         # V^-1 P' and K', ray by ray: `einsum` takes three times as long over small products.
-        of_ray = np.repeat(np.arange(last - first), np.diff(rays.start))
-        back = whole[of_ray] @ _pairs(rays.point).transpose(0, 2, 1)
-        np.matmul(back, _pairs(rays.own), out=own[p.ptr[first] : p.ptr[last]])
+        count = np.where(number[first:last] >= 0, np.diff(rays.start), 0)
+        of_ray = np.repeat(np.arange(last - first), count)
+        begins = np.concatenate([[0], np.cumsum(count)])
+        within = np.arange(len(of_ray)) - begins[of_ray]
+        some = rays.start[of_ray] + within
+        back = whole[of_ray] @ _pairs(rays.point)[some].transpose(0, 2, 1)
+        own[start[number[first + of_ray]] + within] = back @ _pairs(rays.own)[some]
         if p.shared_count:
-            by = back @ _pairs(rays.shared)
-            add = csr_array((np.ones(len(by)), np.arange(len(by)), rays.start))
+            by = back @ _pairs(rays.shared)[some]
+            add = csr_array((np.ones(len(by)), np.arange(len(by)), begins))
             total = (add @ by.reshape(len(by), -1)).reshape(last - first, 3, -1)
             total += whole @ ground[control]
             shared[number[first + wanted]] = total[wanted, :, : p.shared_count]
-    return PointRegression(points, inverse, _matrix(system, points, own, shared))
+    return PointRegression(points, inverse, _matrix(system, points, own, start, shared))
 
 
 def _of_control(normal: Normal, view: View) -> np.ndarray:
@@ -82,12 +87,11 @@ def _pairs(rows: np.ndarray) -> np.ndarray:
     return rows.reshape(-1, 2, rows.shape[1])
 
 
-def _matrix(system: LinearSystem, points, own, shared) -> csc_array:
+def _matrix(system: LinearSystem, points, own, start, shared) -> csc_array:
     p = system.problem
     length, count = np.diff(p.ptr)[points], len(points)
-    start = np.concatenate([[0], np.cumsum(length)])
     rays = np.repeat(p.ptr[points] - start[:-1], length) + np.arange(length.sum())
-    blocks = (own[rays], p.img[rays], start)
+    blocks = (own, p.img[rays], start)
     of_images = bsr_array(blocks, shape=(3 * count, p.image_count * p.d), blocksize=(3, p.d))
     beside = csr_array((3 * count, len(system.columns) - p.image_count * p.d - p.shared_count))
     parts = [of_images.tocsr(), csr_array(shared.reshape(3 * count, -1)), beside]

@@ -17,7 +17,7 @@ from scipy.special import chdtrc, ndtri
 from corridor.core.adjustment.cofactors import OfPoint, of_antennas, of_control, of_points
 from corridor.core.adjustment.external_reliability import moves
 from corridor.core.adjustment.problem import POSE_KINDS
-from corridor.core.adjustment.snooping import LEAST_SHOWN_SHARE, Blunder, blunders
+from corridor.core.adjustment.snooping import LEAST_SHOWN_SHARE, Blunder, blunders, with_scale
 from corridor.core.block import turned
 from corridor.core.output import with_units
 
@@ -188,15 +188,15 @@ class Reliability:
         residuals = self._of.residuals["control"]
         if len(residuals) < 2:
             return []
-        share = self.control_cofactors
         v = residuals[["vx", "vy", "vz"]].to_numpy()
         sigma = residuals[["sx", "sy", "sz"]].to_numpy()
         root = self._root("control")
+        white = (v / sigma if root is None else turned(root, v)).ravel()
+        white, share = with_scale(white, self.control_cofactors, max(self.image_scale, 1.0))
         if root is None:
-            return blunders((v / sigma).ravel(), share)
+            return blunders(white, share)
         # An error of a coordinate shows in all three that are independent.
         errors = block_diag(*(root * sigma[:, None, :]))
-        white = turned(root, v).ravel()
         return blunders(errors.T @ white, np.asarray(errors.T @ share @ errors))
 
     def _root(self, kind: str) -> np.ndarray | None:

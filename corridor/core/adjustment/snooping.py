@@ -40,20 +40,21 @@ class Blunder:
     rivals: tuple[int, ...]
 
 
-def blunders(v: np.ndarray, share: np.ndarray) -> list[Blunder]:
+def blunders(v: np.ndarray, share: np.ndarray, least: int = 2) -> list[Blunder]:
     """The measurements that are wrong, the most significant first.
 
     v (n,): residuals, share (n, n): their cofactors, in units of the stated standard deviations.
-    At most a third of the measurements are named: beyond, nobody knows who is right.
+    At most a third of the measurements are named: beyond, nobody knows who is right. least: of
+    fewer none is.
     """
     count = len(v)
     shown = np.diag(share) > LEAST_SHOWN_SHARE if count else np.zeros(0, bool)
     tried = int(shown.sum())
     chosen: list[int] = []
-    if tried < 2:
+    if tried < least:
         return []
     one = chdtri(1, LEVEL / tried)
-    two = chdtri(2, LEVEL / (tried * (tried - 1) / 2))
+    two = chdtri(2, LEVEL / max(tried * (tried - 1) / 2, 1))
     while len(chosen) < max(tried // 3, 1):
         left, free = _without(v, share, chosen)
         single = _singles(left, free)
@@ -75,6 +76,19 @@ def blunders(v: np.ndarray, share: np.ndarray) -> list[Blunder]:
         chosen.pop(weakest)
     found = [_blunder(v, share, chosen, k) for k in chosen]
     return sorted(found, key=lambda blunder: -abs(blunder.w))
+
+
+def with_scale(v: np.ndarray, share: np.ndarray, others: float) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals and cofactors R for `blunders` where all other measurements scatter `others` times
+    as much as is stated: these residuals scatter with R R + others^2 (R - R R), and an error e
+    shows in them as R e. Along the axes of R, l its size, both are divided by l + others^2 (1 - l).
+    """
+    if others == 1.0:
+        return v, share
+    size, axes = np.linalg.eigh(share)
+    size = np.clip(size, 0.0, 1.0)
+    scatter = size + others**2 * (1.0 - size)
+    return axes @ (axes.T @ v / scatter), (axes * (size / scatter)) @ axes.T
 
 
 def _without(v: np.ndarray, share: np.ndarray, taken: list[int]) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ import pandas as pd
 
 from corridor.core.adjustment.check_statistics import Checked
 from corridor.core.adjustment.covariance import Covariance
-from corridor.core.adjustment.distances import END, table_of
+from corridor.core.adjustment.distances import END, table_of, wrong_of
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.model import CAMERA, EFFECT, LEVER_ARM, ParameterId
 from corridor.core.adjustment.parameters import Found, Parameters
@@ -338,6 +338,11 @@ class Tables(Checked):
         """The distances that were measured: from, to, given, sigma, v (given minus adjusted),
         s_adjusted, redundancy, w, least_error; m. See `adjustment.distances`."""
         return table_of(self.problem, self.state, self.covariance, self.sigma0)
+
+    @cached_property
+    def wrong_distances(self) -> pd.DataFrame:
+        """Distances that all other measurements contradict; see `adjustment.distances.wrong_of`."""
+        return wrong_of(self.problem, self.state, self.covariance, self.sigma0)
 
     @cached_property
     def reliability(self) -> Reliability:

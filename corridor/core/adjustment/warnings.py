@@ -32,8 +32,6 @@ WIDEST_RAD = 1.37
 # Lever arms of one camera in two flights are another's beyond this many sigmas and this size, m,
 # which no mounting moves by.
 _SURE_OF_ARMS, _OTHER_ARM_M = 5.0, 0.1
-# Residuals of control, in sigmas, from which on a search for what is wrong is worth its time.
-_LOOK = 2.5
 # Control that is stated this coarsely, m, and by points that are several fits to this share of it.
 _COARSE_M, _SEVERAL, _FINE = 0.5, 4, 0.1
 # Sigma naught of a kind of observation that contradicts what is stated of it.
@@ -61,6 +59,7 @@ def grave(adjustment: Tables) -> list[str]:
         *_pixels(adjustment),
         *_fit(adjustment),
         *_wrong_control(adjustment),
+        *_wrong_distances(adjustment),
         *_outliers(adjustment, {place for place, _ in missed}),
     ]
 
@@ -384,10 +383,9 @@ def tested_by(block) -> str:
 def _wrong_control(a):
     """Coordinates of control that all other observations contradict."""
     table = a.residuals["control"]
-    scaled = table[["vx", "vy", "vz"]].to_numpy() / table[["sx", "sy", "sz"]].to_numpy()
-    # The search needs covariances; of residuals this small none comes out.
-    if not a.converged or len(table) < 2 or not np.abs(scaled).max() > _LOOK:
+    if not a.converged or len(table) < 2:
         return
+    # Small residuals too: where little else shows a coordinate, it draws the block to itself.
     found = a.reliability.wrong_control
     # Where other measurements contradict what is stated, or too many coordinates do, nobody knows
     # who is right, but of a gross error which all else bends to.
@@ -398,15 +396,32 @@ def _wrong_control(a):
     if not len(found):
         return
     axes = {"x": "x", "y": "y", "z": "height"}
-    named = [
-        f"{row.point} in {axes[row.axis]} by {row.error:+.3f} +- {row.sigma:.3f} m"
-        + (f" (or else {row.or_else})" if row.or_else else "")
-        for row in found.itertuples(index=False)
-    ]
+    names = [f"{row.point} in {axes[row.axis]}" for row in found.itertuples(index=False)]
     yield (
-        f"Ground control is wrong, given minus true: {'; '.join(named)}. All other measurements "
-        "contradict it (data snooping of all coordinates together, 1 % false names): check the "
-        "survey and the marks, and leave it out (role check) if they do not explain it."
+        f"Ground control is wrong, given minus true: {_errors(names, found)}. All other "
+        "measurements contradict it (data snooping of all coordinates together, 1 % false names): "
+        "check the survey and the marks, and leave it out (role check) if they do not explain it."
+    )
+
+
+def _wrong_distances(a):
+    """Distances that all other observations contradict."""
+    found = a.wrong_distances if a.converged else ()
+    if len(found):
+        names = [f"{one} to {two}" for one, two in zip(found["from"], found["to"], strict=True)]
+        yield (
+            f"Distances are wrong, given minus true: {_errors(names, found)}. All other "
+            "measurements contradict it (data snooping of all distances together, 1 % false "
+            "names): check the tape and the marks at both ends, and take the row out of "
+            "distances.csv if they do not explain it."
+        )
+
+
+def _errors(names, found):
+    return "; ".join(
+        f"{name} by {row.error:+.3f} +- {row.sigma:.3f} m"
+        + (f" (or else {row.or_else})" if row.or_else else "")
+        for name, row in zip(names, found.itertuples(index=False), strict=True)
     )
 
 
@@ -434,7 +449,9 @@ def _outliers(a, missed):
         if found and found["outliers"]:
             frame = a.residuals[kind]
             names = frame.loc[frame["outlier"], frame.columns[0]].astype(str).tolist()
-            yield (f"{counted(len(names), what)} beyond 5 sigmas: {some(names, 10)}{remedy}.")
+            yield (
+                f"{counted(len(names), what)} beyond 5 robust sigmas: {some(names, 10)}{remedy}."
+            )
 
 
 def _insignificant(a):

@@ -12,6 +12,7 @@ import pandas as pd
 from scipy.special import chdtri
 
 from corridor.core.adjustment import Adjustment, tested_by
+from corridor.core.geometry import is_outlier
 from corridor.core.output import (
     DASH,
     Report,
@@ -323,7 +324,7 @@ def _compared(sigma0: float) -> str:
 
 
 def _observations(adjustment: Adjustment) -> Table:
-    """Number, outliers, RMS and sigma naught of each kind of measurement."""
+    """Number, outliers and RMS of each kind of measurement, and that in its stated sigmas."""
     rows, gross = [], []
     for kind, found in adjustment.statistics.items():
         if not found.get("count"):
@@ -332,18 +333,25 @@ def _observations(adjustment: Adjustment) -> Table:
         rows.append((_KINDS[kind], *counts, _rms(kind, found["rms"]), fixed(found["sigma0"], 3)))
         if found.get("gross"):
             gross.append(f"{found['gross']:,} of {_KINDS[kind]}")
+    bars = adjustment.distances
+    if len(bars):
+        sizes = (bars["v"] / bars["sigma"]).to_numpy()
+        rms = f"{significant(math.sqrt(np.mean(bars['v'] ** 2)))} m"
+        far = f"{int(is_outlier(np.abs(sizes)).sum()):,}"
+        rows.append(("distances", f"{len(bars):,}", far, rms,
+                     fixed(math.sqrt(np.mean(sizes**2)), 3)))  # fmt: skip
     notes = [
         f"all together: sigma naught {fixed(adjustment.sigma0, 4)}, "
         f"redundancy {adjustment.redundancy:,}"
     ]
     if gross:
-        left_out = "RMS and sigma naught of a line leave out gross errors, beyond 15 robust sigmas"
+        left_out = "the RMS of a line leaves out gross errors, beyond 15 robust sigmas"
         notes.insert(0, f"{left_out}: {', '.join(gross)}")
     correlated = adjustment.correlated_kinds
     if correlated:
         named = ", ".join(_KINDS[kind] for kind in correlated)
         notes.append(f"adjusted with the correlations of their coordinates: {named}")
-    header = ("residuals", "count", "outliers", "RMS", "sigma naught")
+    header = ("residuals", "count", "outliers", "RMS", "RMS / sigma")
     return Table("Observations", header, tuple(rows), "lrrlr", tuple(notes))
 
 
@@ -388,7 +396,8 @@ def _reliability(adjustment: Adjustment) -> Table | None:
     ]
     notes = [
         "redundancy: share of an error that its residual shows; w: residual over its own sigma, "
-        "beyond 3.3 one of a thousand good ones; least error found with a probability of 80 %",
+        "beyond 3.3 for one good measurement in a thousand; least error: the smallest that is "
+        "found with a probability of 80 %",
         "each measurement, with its prediction by all others: reliability.csv",
         *_hidden(adjustment),
     ]

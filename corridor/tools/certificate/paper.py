@@ -27,7 +27,9 @@ _ROOM = WIDE - 2 * MARGIN
 _HALF = (_ROOM - 18.0) / 2
 _HEADING, _TEXT, _ROW, _NOTE = 13.0, 8.5, 7.2, 6.6
 _LEAD = 1.35  # distance of lines over the size of their letters
-_GAP = 9.0  # between the columns of a table
+_GAP = 7.0  # between the columns of a table
+# Height of a picture over that of a sheet, and how much smaller it may be to fit.
+_PICTURE, _SHRUNK = 0.36, 0.8
 _INK, _QUIET = "#222222", "#6f6f6f"
 
 
@@ -84,16 +86,16 @@ def _width(text: str, size: float, weight: str = "normal") -> float:
     return text_to_path.get_text_width_height_descent(text, font, False)[0]
 
 
-def _wrapped(text: str, size: float, room: float) -> list[str]:
+def _wrapped(text: str, size: float, room: float, weight: str = "normal") -> list[str]:
     """Lines no wider than the room, by the measured width of the whole."""
     text = text.replace("`", "")
-    whole = _width(text, size)
+    whole = _width(text, size, weight)
     if whole <= room:
         return [text]
     letters = int(len(text) * room / whole * 0.97)
     while letters > 8:
         lines = textwrap.wrap(text, letters)
-        if max(_width(line, size) for line in lines) <= room:
+        if max(_width(line, size, weight) for line in lines) <= room:
             return lines
         letters -= 2
     return [text]
@@ -125,7 +127,8 @@ class _Sheets:
     ) -> None:
         """A paragraph; lines but the first are indented."""
         room = look.pop("room", _ROOM)
-        for number, line in enumerate(_wrapped(text, size, room - indent)):
+        wrapped = _wrapped(text, size, room - indent, look.get("weight", "normal"))
+        for number, line in enumerate(wrapped):
             self._need(_LEAD * size)
             self.top += _LEAD * size
             at = left + (indent if number else 0.0)
@@ -195,9 +198,13 @@ class _Sheets:
 
         image = np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
         high, wide = image.shape[:2]
-        scale = min(_ROOM / wide, 0.36 * HIGH / high)
+        scale = min(_ROOM / wide, _PICTURE * HIGH / high)
+        below = 3 * _LEAD * _NOTE
         self.gap(8)
-        self._need(scale * high + 3 * _LEAD * _NOTE)
+        # A little smaller rather than alone on another sheet.
+        left = (HIGH - MARGIN - below - self.top) / high
+        scale = left if _SHRUNK * scale < left < scale else scale
+        self._need(scale * high + below)
         figure, top = self.figures[-1], self.top
         box = (MARGIN / WIDE, 1 - (top + scale * high) / HIGH, scale * wide / WIDE,
                scale * high / HIGH)  # fmt: skip

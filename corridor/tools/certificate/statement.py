@@ -11,10 +11,17 @@ import pandas as pd
 from corridor.core import registry
 from corridor.core.adjustment import Adjustment
 from corridor.core.block import Block
-from corridor.core.output import Table, counted, png, readable
+from corridor.core.errors import InputError
+from corridor.core.output import Table, counted, millimetres, png, readable
 
 # Points of one kind that are listed; of more, the farthest off.
 MOST_LISTED = 40
+# What the column `vegetated` of ground.csv may hold; a spreadsheet makes 1.0 of 1.
+_VEGETATED = (
+    {"": None}
+    | dict.fromkeys(("1", "1.0", "true", "yes"), True)
+    | dict.fromkeys(("0", "0.0", "false", "no"), False)
+)
 
 
 @dataclass(frozen=True)
@@ -57,6 +64,14 @@ class Subject:
         """Whether control or GNSS determine where the block lies."""
         p = self.adjustment.problem
         return bool(len(p.control_rows) or len(p.gnss_image))
+
+    def compared(self, found: float) -> str:
+        """Whether a 3D error, m, is within what is required: a sentence, or nothing."""
+        if self.required is None:
+            return ""
+        word = "within" if found <= self.required else "beyond"
+        wanted = millimetres(self.required)
+        return f" In 3D that is {millimetres(found)}, {word} the required {wanted}."
 
     def picture(self, name: str, of: Any, caption: str) -> tuple[str, str, bytes]:
         """A picture by the name of its function in `corridor.figures`."""
@@ -108,9 +123,15 @@ class CheckPoints:
         stated = np.isfinite(block.numbers("ground", "sx", "sy", "sz")[at]).all(axis=1)
         cover: list[bool | None] = [None] * len(at)
         if "vegetated" in ground:
-            words = ground["vegetated"].astype("string").fillna("").str.strip().str.lower()
-            known = {"1": True, "true": True, "yes": True, "0": False, "false": False, "no": False}
-            cover = [known.get(word) for word in words.iloc[at]]
+            words = ground["vegetated"].astype("string").fillna("").str.strip()
+            odd = words.index[~words.str.lower().isin(_VEGETATED)]
+            if len(odd):
+                row = words.index.get_loc(odd[0]) + 2
+                raise InputError(
+                    f"ground.csv, row {row}: vegetated = {words[odd[0]]!r} is not 1 (in "
+                    "vegetation), 0 or an empty cell"
+                )
+            cover = [_VEGETATED[word] for word in words.str.lower().iloc[at]]
         return cls(
             table["point"].astype(str).tolist(),
             table[["dx", "dy", "dz"]].to_numpy(float).reshape(-1, 3),
@@ -132,7 +153,10 @@ class CheckPoints:
              *(f"{1e3 * value:.1f}" for value in self.survey[k]))
             for k in rows
         )  # fmt: skip
-        notes = ["adjusted minus given, standard deviation of the adjusted, and of the survey; mm"]
+        notes = [
+            "dx, dy, dz: adjusted minus given; sx, sy, sz: standard deviations of the adjusted "
+            "point; survey: those of the given point; mm"
+        ]
         if len(rows) < len(self):
             notes.append(f"the {len(rows)} farthest off of {counted(len(self), 'point')}")
         header = ("check point", "dx", "dy", "dz", "sx", "sy", "sz", "survey x", "y", "z")

@@ -53,7 +53,7 @@ def verify(certificate: str | os.PathLike, block: str | os.PathLike) -> Verified
     try:
         model = model_of(asked.pop("model"))
         made = certify(block, record["form"], model=model, **asked)
-    except (TypeError, KeyError, ValueError) as error:
+    except (AttributeError, TypeError, KeyError, ValueError) as error:
         if isinstance(error, InputError | WorkFailed):
             raise
         raise _damaged(path) from None
@@ -73,9 +73,12 @@ def _record(path: Path, content: bytes) -> dict[str, Any]:
         )
     try:
         record = json.loads(text)
-        record["files"], record["asked"]["model"], record["form"], record["figures"]
+        tables = [record["files"], record["asked"], record["figures"], record["software"]]
+        whole = all(isinstance(table, dict) for table in [*tables, record["asked"]["model"]])
     except (ValueError, KeyError, TypeError):
-        raise _damaged(path) from None
+        whole = False
+    if not (whole and isinstance(record.get("form"), str)):
+        raise _damaged(path)
     return record
 
 
@@ -95,7 +98,7 @@ def _files(stated: dict[str, str], found: dict[str, str]) -> list[str]:
 def _differences(path: Path, stated: dict, made: dict) -> list[str]:
     """What differs although the files are the same."""
     out = [f"Not verified: {path.name} is not what corridor makes of these files."]
-    for name, number in stated.get("software", {}).items():
+    for name, number in stated["software"].items():
         mine = software().get(name)
         if mine != number:
             out.append(f"It was made with {name} {number}; here is {mine}.")

@@ -140,6 +140,23 @@ class TestNoise:
         assert w.abs().idxmax() == 2 and w.abs().max() > 5
 
 
+class TestWrongBars:
+    @pytest.mark.parametrize(("bars", "wrong"), [(6, [2]), (6, [0, 4]), (1, [0]), (6, [])])
+    def test_they_are_named_with_their_error_and_no_other(self, bars, wrong):
+        block = flown(free=False, bars=bars, sigma=0.01, seed=2)
+        table = block.distances.copy()
+        table.loc[wrong, "distance"] += 0.4
+        adjusted = corridor.adjust(block.with_(distances=table), camera="fixed")
+        found = adjusted.wrong_distances
+        assert sorted(found["from"]) == sorted(table.loc[wrong, "from"])
+        assert ((found["error"] - 0.4).abs() < 4 * found["sigma"]).all()
+        told = [note for note in adjusted.warnings if note.startswith("Distances are wrong")]
+        assert len(told) == bool(wrong)
+        assert all(f"{name} to" in told[0] for name in table.loc[wrong, "from"])
+        row = next(line for line in str(adjusted).splitlines() if line.startswith("  distances "))
+        assert row.split()[1] == str(bars)
+
+
 class TestFiles:
     def test_they_are_written_and_read_and_said(self, tmp_path):
         block = flown()

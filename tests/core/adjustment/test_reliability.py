@@ -15,7 +15,7 @@ from corridor.core.adjustment.cofactors import (
     shares_of_antennas,
 )
 from corridor.core.adjustment.reliability import DELTA
-from corridor.core.adjustment.snooping import blunders
+from corridor.core.adjustment.snooping import blunders, with_scale
 
 
 def flown(seed=1, images=10, control=4, **options):
@@ -190,6 +190,21 @@ class TestWrongControl:
         told = next(s for s in adjusted.warnings if s.startswith("Ground control is wrong"))
         assert all(names[k] in told for k, _ in errors)
 
+    def test_an_error_that_draws_the_block_to_itself_is_told(self):
+        """Of a height that little else shows, seven of its sigmas leave a residual of two."""
+        block = flown(control=6)
+        block = block.with_(gnss=block.gnss.iloc[:0])
+        known = corridor.adjust(block).reliability.control.query("axis == 'z'")
+        worst = known.loc[known["redundancy"].idxmin()]
+        ground = block.ground.copy()
+        ground.loc[ground["point"] == worst["point"], "z"] += (
+            0.01 * 7.0 / np.sqrt(worst["redundancy"])
+        )
+        adjusted = corridor.adjust(block.with_(ground=ground))
+        assert adjusted.residuals["control"][["vx", "vy", "vz"]].abs().to_numpy().max() < 0.025
+        told = next(s for s in adjusted.warnings if s.startswith("Ground control is wrong"))
+        assert f"{worst['point']} in height" in told
+
     def test_nothing_is_named_where_nothing_is_wrong(self):
         """300 sets of residuals of pure noise: 1 % of them, 7 at the most in 99 %."""
         adjusted = corridor.adjust(flown(control=6))
@@ -200,6 +215,21 @@ class TestWrongControl:
         rng = np.random.default_rng(1)
         named = sum(bool(blunders(root @ rng.normal(size=len(share)), share)) for _ in range(300))
         assert named <= 7
+
+    @pytest.mark.parametrize("others", [1.0, 1.5, 3.0])
+    def test_nor_where_all_else_scatters_more_than_is_stated(self, others):
+        """300 sets of residuals R l, of which l but for the control is `others` times as large."""
+        rng = np.random.default_rng(2)
+        design = rng.normal(size=(40, 10)) * np.r_[np.full(12, 0.3), np.ones(28)][:, None]
+        whole = np.eye(40) - design @ np.linalg.pinv(design)
+        scatter = np.r_[np.ones(12), np.full(28, others)]
+        v = (whole @ (scatter[:, None] * rng.normal(size=(40, 300))))[:12]
+        named = sum(bool(blunders(*with_scale(one, whole[:12, :12], others))) for one in v.T)
+        assert named <= 7
+        e = np.eye(12)[4] * 30.0 * others
+        found = blunders(*with_scale(v[:, 0] + whole[:12, :12] @ e, whole[:12, :12], others))
+        assert [one.number for one in found] == [4]
+        assert abs(found[0].error - e[4]) < 4.0 * found[0].sigma
 
     def test_a_masked_pair_is_found_where_no_single_one_stands_out(self):
         """Two of four heights on a plane, equal errors: each looks like the other two's."""

@@ -1,15 +1,20 @@
 """Certificates: figures by hand, refusals, the same bytes, and every changed byte noticed."""
 
+import io
+import json
 import shutil
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import corridor
 from corridor import cli
 from corridor.core.simulation import Flight, Ground, Noise, Plan, simulate
-from corridor.tools.certificate import certify, form_names, verify
+from corridor.tools.certificate import certify, certifying, form_names, paper, verify
 from corridor.tools.certificate.forms import asprs
+from corridor.tools.certificate.statement import CheckPoints
 
 PLAN = Plan(
     "short", (Flight("F1", 50.0, images=10, strips=2),), axis_m=((0.0, 0.0), (0.0, 80.0)),
@@ -49,6 +54,14 @@ def fewer(block, count):
     ground["role"] = ground["role"].astype(object)
     ground.loc[check[count:], "role"] = "unused"
     return block.with_(ground=ground)
+
+
+def covered(adjusted, cover):
+    """What `CheckPoints` sees of an adjustment, with this column `vegetated`."""
+    block = adjusted.problem.block
+    ground = block.ground.assign(vegetated=block.ground["point"].astype(str).map(cover))
+    problem = SimpleNamespace(block=block.with_(ground=ground))
+    return SimpleNamespace(check_points=adjusted.check_points, problem=problem)
 
 
 class TestFigures:
@@ -104,6 +117,8 @@ class TestClaims:
         block.with_(ground=ground, gnss=block.gnss.iloc[:0]).write(tmp_path / "free")
         stated = certify(tmp_path / "free", "asprs")
         assert any("free network" in doubt for doubt in stated.report.warnings)
+        assert stated.report.opening.startswith("No accuracy is stated")
+        assert "RMSE" not in str(stated) and "systematic" not in str(stated)
 
     def test_a_default_in_place_of_the_surveys_error_is_said(self, block, tmp_path):
         bare = block.with_(ground=block.ground.drop(columns=["sx", "sy", "sz"]))
@@ -111,12 +126,39 @@ class TestClaims:
         stated = certify(tmp_path / "bare", "asprs")
         assert any("no standard deviations" in doubt for doubt in stated.report.warnings)
 
+    @pytest.mark.parametrize("form", form_names())
+    def test_what_is_required_is_compared_with_what_was_found(self, folder, adjusted, form):
+        for required, word in ((0.5, "within"), (0.001, "beyond")):
+            said = certify(folder, form, required=required, adjustment=adjusted).report.opening
+            assert f"{word} the required" in said
+
+    @pytest.mark.parametrize("form", form_names())
+    def test_what_the_adjustment_doubts_stands_in_every_form(self, block, tmp_path, form):
+        """A control point 20 cm too high, surveyed to 6 mm."""
+        ground = block.ground.copy()
+        ground.loc[ground.index[ground["role"].astype(str) == "control"][1], "z"] += 0.2
+        block.with_(ground=ground).write(tmp_path / "wrong")
+        warnings = certify(tmp_path / "wrong", form).report.warnings
+        assert any("control is wrong" in warning for warning in warnings)
+
+    def test_the_full_form_says_that_points_are_too_few_for_a_class(self, block, tmp_path):
+        fewer(block, 5).write(tmp_path / "few")
+        assert "too few for an accuracy class" in str(certify(tmp_path / "few"))
+
     def test_points_in_vegetation_are_stated_apart(self, block, tmp_path):
         ground = block.ground.copy()
         ground["vegetated"] = np.where(np.arange(len(ground)) % 2, "1", "0")
         block.with_(ground=ground).write(tmp_path / "green")
         text = str(certify(tmp_path / "green", "asprs"))
         assert "VVA, vegetated" in text and "stated, not judged" in text
+
+    def test_what_stands_in_vegetation_is_read_or_refused_by_its_row(self, adjusted):
+        names = adjusted.problem.block.ground["point"]
+        for words, found in ((["1.0", "0.0"], [True, False]), (["Yes", ""], [True, None])):
+            cover = dict(zip(names, words * (len(names) // 2), strict=True))
+            assert set(CheckPoints.of(covered(adjusted, cover)).vegetated) == set(found)
+        with pytest.raises(corridor.InputError, match="row 4: vegetated = 'reeds'"):
+            CheckPoints.of(covered(adjusted, {names.iloc[2]: "reeds"}))
 
     def test_where_all_points_are_in_vegetation_the_others_get_no_class(self, block, tmp_path):
         block.with_(ground=block.ground.assign(vegetated="1")).write(tmp_path / "reeds")
@@ -164,6 +206,22 @@ class TestSameBytes:
         assert forged != content
         (tmp_path / name).write_bytes(forged)
         assert not verify(tmp_path / name, folder).same
+
+    @pytest.mark.parametrize(
+        "spoilt",
+        [
+            {"files": "abc"}, {"files": ["block.toml"]}, {"figures": None}, {"software": ["numpy"]},
+            {"form": ["asprs"]}, {"asked": [1]}, {"asked": {"model": {"priors": ["a"]}}},
+        ],
+        ids=str,
+    )  # fmt: skip
+    def test_a_record_of_another_shape_is_damaged(self, folder, tmp_path, spoilt):
+        hashed = {"files": certifying.hashes(folder), "figures": {}, "software": {}}
+        record = hashed | {"form": "asprs", "asked": {"model": {}}} | spoilt
+        written = paper.embedded(json.dumps(record), certifying.MARK)
+        (tmp_path / "certificate.html").write_text(written)
+        with pytest.raises(corridor.InputError, match="record inside the certificate is damaged"):
+            verify(tmp_path / "certificate.html", folder)
 
     def test_what_was_asked_is_asked_again(self, folder, tmp_path):
         model = corridor.Model(
@@ -232,3 +290,22 @@ def test_long_tables_go_on_on_the_next_sheet_with_their_heading():
     assert content.startswith(b"%PDF") and content.count(b"/Type /Page ") + content.count(
         b"/Type /Page\n") > 2  # fmt: skip
     assert content == pdf(Report("Many", "An opening.", tables=[table]))
+
+
+class TestPaper:
+    def test_a_bold_line_stays_within_its_room(self):
+        """Bold letters are wider: a title that just fits in others ran over the margin."""
+        title = "Certificate of computed accuracy, ASPRS edition 2 (2023): saraburi_full"
+        for size in np.arange(11.0, 15.0, 0.5):
+            lines = paper._wrapped(title, size, paper._ROOM, "bold")
+            assert max(paper._width(line, size, "bold") for line in lines) <= paper._ROOM
+
+    @pytest.mark.parametrize(("share", "sheets"), [(0.9, 1), (0.6, 2)])
+    def test_a_picture_is_a_little_smaller_rather_than_alone_on_a_sheet(self, share, sheets):
+        made = paper._Sheets()
+        below = 8 + 3 * paper._LEAD * paper._NOTE
+        made.top = paper.HIGH - paper.MARGIN - below - share * paper._PICTURE * paper.HIGH
+        stream = io.BytesIO()
+        Image.new("RGB", (100, 100)).save(stream, "png")
+        made.picture("square", "", stream.getvalue())
+        assert len(made.figures) == sheets

@@ -39,7 +39,9 @@ def statement(subject: Subject) -> Statement:
     errors = Errors(points.difference, points.survey)
     area = _area(subject)
     needed = least_number(area)
-    tables = [_accuracy(errors, points)]
+    tables = []
+    if subject.tied_to_ground:
+        tables = [_accuracy(errors, points, needed)]
     if len(points):
         tables += [_cover(points), _spread(subject, points, needed, area), points.listed()]
     pictures = []
@@ -101,9 +103,12 @@ def _claim(subject: Subject, points: CheckPoints, errors: Errors, needed: int) -
             "No accuracy is stated: no surveyed point was kept apart as a check point, so nothing "
             f"independent tests this block. The standard asks for {needed}."
         )
+    if not subject.tied_to_ground:
+        return "No accuracy is stated: neither control nor GNSS says where the block lies."
     found = (
         f"At {counted(count, 'check point')} RMSE_H is {_cm(errors.h)}, RMSE_V {_cm(errors.v)} and "
         f"RMSE_3D {_cm(errors.d3)}, the error of their survey included."
+        f"{subject.compared(errors.d3)}"
     )
     if count < needed:
         return (
@@ -115,9 +120,6 @@ def _claim(subject: Subject, points: CheckPoints, errors: Errors, needed: int) -
         f"Tested with {count} check points, the block meets the ASPRS accuracy classes of {classes}"
         " (the smallest that it meets)."
     )
-    if subject.required is not None:
-        word = "meets" if errors.d3 <= subject.required else "does not meet"
-        claim += f" It {word} the 3D accuracy of {_cm(subject.required)} that is required."
     return f"{claim} {found}"
 
 
@@ -132,13 +134,14 @@ def _cm(length: float) -> str:
     return f"{1e2 * length:.2f} cm" if math.isfinite(length) else DASH
 
 
-def _accuracy(errors: Errors, points: CheckPoints) -> Table:
+def _accuracy(errors: Errors, points: CheckPoints, needed: int) -> Table:
     rows = [
         ("horizontal, RMSE_H", _cm(errors.fit_h), _cm(errors.survey_h), _cm(errors.h)),
         ("vertical, RMSE_V", _cm(errors.fit_v), _cm(errors.survey_v), _cm(errors.v)),
         ("three-dimensional, RMSE_3D", DASH, DASH, _cm(errors.d3)),
     ]
-    notes = []
+    short = f"{counted(len(points), 'check point')}: too few for an accuracy class of ASPRS 2023"
+    notes = [f"{short}, which takes {needed}"] if len(points) < needed else []
     if len(points):
         for name, values in (("mean", errors.mean), ("standard deviation", errors.std),
                              ("largest", errors.largest)):  # fmt: skip
@@ -189,12 +192,12 @@ def _spread(subject: Subject, points: CheckPoints, needed: int, area: float) -> 
     rows = [
         ("check points", f"{len(points)}", f"at least {needed}"),
         ("fewest in a quarter of the block", f"{counts.min()} of {len(points)}",
-         f"a fifth: {math.ceil(_QUARTER * len(points))}"),
+         f"at least {math.ceil(_QUARTER * len(points))}: a fifth"),
     ]  # fmt: skip
     if len(points) > 1:
         apart = cKDTree(points.xyz[:, :2]).query(points.xyz[:, :2], k=2)[0][:, 1]
-        rows.append(("smallest distance between two", millimetres(float(apart.min())),
-                     f"a tenth of the diagonal: {millimetres(_APART * diagonal)}"))  # fmt: skip
+        least = f"at least {millimetres(_APART * diagonal)}: a tenth of the diagonal"
+        rows.append(("smallest distance between two", millimetres(float(apart.min())), least))
     gap = cKDTree(points.xyz[:, :2]).query(images)[0].max()
     rows.append(("farthest image from a check point", millimetres(float(gap)), DASH))
     rows.append(("area", f"{area / _KM2:,.3f} km\u00b2", DASH))
@@ -203,17 +206,19 @@ def _spread(subject: Subject, points: CheckPoints, needed: int, area: float) -> 
 
 
 def _doubts(subject: Subject, points: CheckPoints, errors: Errors) -> list[str]:
-    out = []
+    out = list(subject.adjustment.warnings)
     if not subject.tied_to_ground:
         out.append(
             "The block is a free network: neither control nor GNSS says where it lies, so "
             "differences at check points say nothing of its accuracy."
         )
+        return out
     if len(points) and not points.stated.all():
         missing = int((~points.stated).sum())
         out.append(
-            f"Of {missing} of {counted(len(points), 'check point')} ground.csv states no standard "
-            "deviations: the block's default stands for the error of the survey."
+            f"ground.csv states no standard deviations for {missing} of "
+            f"{counted(len(points), 'check point')}: the block's default stands for the error of "
+            "their survey."
         )
     for name, error, survey in (("horizontal", errors.h, errors.survey_h),
                                 ("vertical", errors.v, errors.survey_v)):  # fmt: skip

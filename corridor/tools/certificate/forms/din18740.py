@@ -62,7 +62,8 @@ def _opening(subject: Subject) -> str:
     rms = adjusted.check_rms
     return (
         f"{said} Check points ({count}) differ by {1e3 * rms.xy:.1f} mm horizontally and "
-        f"{1e3 * rms.z:.1f} mm in height (RMS). The contract says whether that is enough."
+        f"{1e3 * rms.z:.1f} mm in height (RMS)."
+        f"{subject.compared(rms.d3) or ' The contract says whether that is enough.'}"
     )
 
 
@@ -136,9 +137,9 @@ def _check(subject: Subject) -> Table | None:
     names = ("RMS", "mean", "standard deviation")
     for name, part in zip(names, adjusted.check_statistics, strict=True):
         rows.append((name, *(f"{1e3 * x:.1f}" if math.isfinite(x) else DASH for x in part)))
-    header = (f"{len(subject.checked)} check points", "plan", "height", "3D")
+    header = (f"{len(subject.checked)} check points", "horizontal", "height", "3D")
     return Table("Check points together", header, tuple(rows), "lrrr",
-                 ("adjusted minus given, mm; plan and 3D are lengths",))  # fmt: skip
+                 ("adjusted minus given, mm; horizontal and 3D are lengths",))  # fmt: skip
 
 
 _UNTESTED = (

@@ -26,10 +26,10 @@ def statement(subject: Subject) -> Statement:
     others = [table for title, table in subject.reported.items() if title in _REPORTED]
     tables = [*proof.tables[:-1], _correlations(subject), *others, _control(subject)]
     points = subject.checked
-    if len(points):
+    if len(points) and subject.tied_to_ground:
         tables.append(accuracy.tables[0])
     tables.append(proof.tables[-1])
-    doubts = list(dict.fromkeys([*proof.doubts, *(accuracy.doubts if len(points) else [])]))
+    doubts = accuracy.doubts if len(points) else proof.doubts
     caption = (
         "Standard deviations of the points, exact: in the datum of the block, and among themselves."
     )
