@@ -23,7 +23,7 @@ from corridor.core.adjustment.false_matches import with_true_matches, without_ti
 from corridor.core.adjustment.false_positions import without_false_fixes
 from corridor.core.adjustment.gross_errors import begun_with_sound_positions, without_gross_errors
 from corridor.core.adjustment.ground_variances import with_ground_doubts, with_marks_as_they_are
-from corridor.core.adjustment.left_out import adjustable_part
+from corridor.core.adjustment.left_out import adjustable_part, adjustable_part_as_seen
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.matrix import Singular
 from corridor.core.adjustment.model import Loss, Model, listed_effects
@@ -43,7 +43,7 @@ from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.turns import with_turns_as_seen
 from corridor.core.adjustment.variance_components import CONTRADICTING_FACTOR
 from corridor.core.adjustment.warnings import implausible
-from corridor.core.block import Block, read, with_rigid_poses
+from corridor.core.block import POSE, Block, read, with_rigid_poses
 from corridor.core.effects import Effect, check_needs
 from corridor.core.engine.scene import SQUARES
 from corridor.core.errors import AdjustmentFailed, InputError, some
@@ -73,6 +73,9 @@ _MISFIT = 3.0
 # Share of marks far off beyond which it is not they that are wrong.
 _MANY = 0.2
 _WEIGHTS = ("estimated", "marks", "stated")
+# Of so few images, or the share above, start poses that show nothing are found anew; of more, a
+# convention is another one.
+_FEW_POSES = 2
 # A point that ends this near to a camera, of where it began, has fallen into it.
 _FALLEN = 0.1
 
@@ -172,7 +175,7 @@ def adjust(
 
     block, turned = with_turns_as_seen(block, again)
     block, other = without_impossible_points(block, run.strict)
-    block, left_out = adjustable_part(block, model, run.strict)
+    block, left_out = adjustable_part_as_seen(block, model, again, run.strict)
     doubtful = [*turned, *other, *plausibility_warnings(block)]
 
     def whole(part: Block) -> Adjustment:
@@ -517,8 +520,8 @@ def _in_front(
     behind = np.isnan(residual[:, 0])
     count = np.bincount(problem.img, minlength=problem.image_count)
     hidden = np.bincount(problem.img[behind], minlength=problem.image_count)
-    blind = np.flatnonzero(hidden == count)
-    if len(blind):
+    blind = np.flatnonzero((hidden == count) & (count > 0))
+    if len(blind) > max(_SPARE * problem.image_count, _FEW_POSES):
         row = problem.order[blind].min()
         more = f" ({len(blind) - 1} more images too)" if len(blind) > 1 else ""
         raise InputError(
@@ -526,15 +529,27 @@ def _in_front(
             f"{block.images['image'].iloc[row]} lie behind it{more}: check its quaternion (world "
             "to camera, qw first) and its position"
         )
+    notes = []
+    if len(blind):
+        block, rows = block.copy(), problem.order[blind]
+        pose = block.poses
+        pose[rows] = np.nan
+        block.put("images", POSE, pose)
+        names = block.images["image"].iloc[rows]
+        notes.append(
+            f"{counted(len(rows), 'start pose')} of images.csv put all points behind the image "
+            f"({some(sorted(names), 5)}): found anew from the points."
+        )
     block = _without_starts(block, _names_of(problem, behind) | wild)
     again = make_problem(block)
     residual, still = Normal(again, Loss()).residuals(again.start)
     if not still:
-        return block, []
+        return block, notes
     hopeless = _names_of(again, np.isnan(residual[:, 0]))
     return without_ties(block, hopeless), [
+        *notes,
         f"{len(hopeless)} tie points lie behind a camera that measured them and are left out "
-        f"({some(sorted(hopeless), 5)}): their matches are wrong."
+        f"({some(sorted(hopeless), 5)}): their matches are wrong.",
     ]
 
 

@@ -55,6 +55,17 @@ _HOTTEST_C, _HOTTEST_F, _OTHER_LENGTH = 85.0, 185.0, 0.2
 # Units that lengths are given in by mistake, m; a ratio this near to theirs is taken for it.
 UNITS_M = {"feet": _FOOT_M, "centimetres": 1e-2, "millimetres": 1e-3, "kilometres": 1e3}
 _OF_UNIT = 0.02
+# Axes that coordinates are given in by mistake: their order and signs.
+AXES = (
+    ("x and y exchanged", [1, 0, 2], [1, 1, 1]),
+    ("x and y exchanged, and x with the opposite sign", [1, 0, 2], [1, -1, 1]),
+    ("x and y exchanged, and y with the opposite sign", [1, 0, 2], [-1, 1, 1]),
+    ("x and y exchanged, both with the opposite sign", [1, 0, 2], [-1, -1, 1]),
+    ("x with the opposite sign", [0, 1, 2], [-1, 1, 1]),
+    ("y with the opposite sign", [0, 1, 2], [1, -1, 1]),
+    ("x and y with the opposite sign", [0, 1, 2], [-1, -1, 1]),
+    ("z counted downwards", [0, 1, 2], [1, 1, -1]),
+)
 _REMEDY = "x is east, y north, in metres less the block's offset."
 
 
@@ -492,6 +503,14 @@ def position_difference(file: str, given: np.ndarray, other: str, known: np.ndar
         return ""
     extent = np.ptp(known[:, :2], axis=0).max()
     away = given - known
+    turned = {
+        words: np.median(np.linalg.norm(given[:, order] * sign - known, axis=1))
+        for words, order, sign in AXES
+    }
+    words = min(turned, key=lambda words: turned[words])
+    # Along a diagonal, axes that are exchanged put images hardly elsewhere.
+    if turned[words] < 0.05 * np.median(np.linalg.norm(away, axis=1)):
+        return f"{file} has {words} beside {other}: x is east, y north, z up."
     middle = np.median(away, axis=0)
     spread = np.median(np.abs(away - middle), axis=0)
     if not np.linalg.norm(middle) > _FAR_UP_M and spread.max() < 0.2 * extent:
@@ -501,9 +520,6 @@ def position_difference(file: str, given: np.ndarray, other: str, known: np.ndar
             f"{file} gives x and y in degrees, {other} in metres: convert them to the block's "
             "coordinates (`corridor gnss` does)."
         )
-    swapped = given[:, [1, 0]] - known[:, :2]
-    if np.median(np.abs(swapped)) < 0.05 * np.median(np.abs(away[:, :2])):
-        return f"{file} has x and y exchanged beside {other}: x is east, y north."
     for unit, metres in UNITS_M.items():
         for one, mine, others in ((file, given, known), (other, known, given)):
             wide = np.ptp(others[:, :2], axis=0).max()
