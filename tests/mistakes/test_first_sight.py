@@ -37,6 +37,17 @@ def distance(factor):
     return edit
 
 
+def twice(folder):
+    """The second image is there again, as `copy.tif`."""
+
+    def again(rows):
+        second = rows[rows["image"] == rows["image"].unique()[1]]
+        return pd.concat([rows, second.assign(image="copy.tif")])
+
+    for name in ("images", "tie_points"):
+        table(name, again)(folder)
+
+
 # Seen at first sight, without an adjustment: slip -> words of the sentence.
 AT_FIRST_SIGHT = {
     "picture half as large": (
@@ -88,6 +99,10 @@ AT_FIRST_SIGHT = {
     "one tie point outside": (
         cell("tie_points", 40, "x", 10),
         r"1 observation outside the picture .* tie_points.csv, row 42: point T\d+ in image F",
+    ),
+    "a picture under two names": (
+        twice,
+        r"2 images .*copy.tif\) have their points",
     ),
     "focal length in millimetres": (toml("f = 5489.0", "f = 35.1"), "f is in pixels"),
     "GNSS heights above the ellipsoid": (plus("gnss", z=43.0), "ellipsoid.*geoid"),

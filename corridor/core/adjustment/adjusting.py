@@ -147,7 +147,8 @@ def adjust(
     camera that is free. Antenna positions too coarse to see a lever arm are assumed to be so rather
     than known: where they scatter otherwise, that is used and said.
     Where it fails, or sigma naught is beyond three, false matches and images of which all is wrong
-    are looked for; left out and told where the rest fits (sigma naught below two); never if strict.
+    are looked for; left out and told where the rest fits (sigma naught below two), or they lie
+    beyond 15 times what remains beside it; never if strict.
     Missing start values are made (`corridor.adjustment.initial`). A block with neither control
     nor GNSS is adjusted as a free network, laid on its start poses as a whole.
     Raises InputError where the block cannot be adjusted as asked, AdjustmentFailed where the
@@ -235,6 +236,7 @@ def _with_ground_as_seen(
     """The block adjusted; where that fails, or no camera is so, without false matches or exchanged
     ground points."""
     result: Adjustment | None = None
+    left: list[str] = []
     try:
         result = whole(block)
     except (InputError, AdjustmentFailed) as error:
@@ -242,16 +244,21 @@ def _with_ground_as_seen(
     wrecked = result is None or not result.converged or result.sigma0 > _WRECKED
     if not strict and (result is None or _misfits(result)):
         found = where_it_leads(with_true_matches, block, model, again, whole, _begun)
-        # Where the rest does not fit either, it is the model: a shutter on a rocking wing, say.
-        if found and found.converged and found.sigma0 < CONTRADICTING_FACTOR:
-            if result is None or wrecked or found.sigma0 < result.sigma0 / CONTRADICTING_FACTOR:
+        better = found is not None and (
+            result is None or wrecked or found.sigma0 < result.sigma0 / CONTRADICTING_FACTOR
+        )
+        if found and better:
+            if found.sigma0 < CONTRADICTING_FACTOR:
                 return found, []
+            # What the model lacks, or ground points, may still be wrong beside them.
+            result, block, left = found, found.start, found.notes
+            wrecked = result.sigma0 > _WRECKED
     # A robust loss takes marks of points that lie elsewhere for wrong ones.
     if result is None or wrecked or _many_wrong_marks(result) or implausible(result):
         sound, notes = without_exchanged(block, model, again)
         if notes:
             try:
-                return whole(sound), notes
+                return whole(sound), [*left, *notes]
             except (InputError, AdjustmentFailed) as error:
                 raise type(error)(f"{notes[0]} So: {error}") from None
     if result is None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from corridor.core.block import LAYOUTS, Block
 from corridor.core.camera import INTERIOR, project_rays, undistort
-from corridor.core.errors import InputError, did_you_mean
+from corridor.core.errors import InputError, did_you_mean, some
 from corridor.core.geometry import GROSS, is_outlier, robust_scale_of_lengths
 from corridor.core.output import counted
 from corridor.core.preparation.half_turns import AsPosed, as_posed, turned_images
@@ -34,6 +34,8 @@ _KEYS = ("name", "description", "source", "licence", "crs", "offset", "camera", 
 # The last two are written by `corridor import photos`.
 _CAMERA_KEYS = ("width", "height", "model", *INTERIOR, "pixel_um", "readout_s", "row_direction",
                 "calibrated", "readout_from", "f_stated")  # fmt: skip
+# Observations in which a picture that is there twice shows.
+_ENOUGH = 200_000
 # So far a file's name is that of a table: `tiepoints`, `Gnss`, `ground.txt`.
 _ALIKE = 0.85
 # Measured and modelled image coordinates that agree but for noise and rough start values.
@@ -75,6 +77,7 @@ def plausibility_warnings(block: Block) -> list[str]:
         *earth_warnings(block),
         *_positions(block),
         *_pictures(block),
+        *_twice(block),
         *(list(mirrored(block)) or turned_images(block)),
         *without_impossible_points(block)[1],
         *_settings(block),
@@ -122,6 +125,25 @@ def _plain(name: str) -> str:
     """A name as a spreadsheet or another program may have changed it: `001`, `1`, `1.0`."""
     name = re.sub(r"(?<![\d.])0+(?=\d)", "", re.sub(r"\.0+$", "", name.casefold()))
     return re.sub(r"[\s_-]+", "", name)
+
+
+# --- pictures given twice ---------------------------------------------------------------------
+
+
+def _twice(block: Block) -> Iterator[str]:
+    """Images of which most points lie at the very place of another's: no two exposures are so."""
+    ties = block.tie_points
+    some_points = ties["point"].cat.codes % (1 + len(ties) // _ENOUGH) == 0
+    ties = ties.loc[some_points, ["image", "point", "x", "y"]]
+    same = ties.duplicated(["point", "x", "y"], keep=False)
+    of = same[same].groupby(ties["image"].astype(str)).sum() / ties["image"].value_counts()
+    names = sorted(of.index[of > _CLEAR].astype(str))
+    if names:
+        yield (
+            f"{len(names)} images ({some(names, 4)}) have their points at the very pixels of "
+            "another: is one picture there under two names? What it shows then counts twice: "
+            "leave one of them out."
+        )
 
 
 # --- block.toml -------------------------------------------------------------------------------

@@ -71,6 +71,25 @@ def test_gross_measurements_are_left_out_and_told(dike, sound, share, size_px, l
     assert [note for note in found.warnings if "their matches are wrong" in note]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("bend_px", [20.0, 60.0])
+def test_false_matches_are_left_out_of_a_block_whose_model_lacks_something_too(dike, bend_px):
+    """Every second picture is bent the other way: the rest does not fit, and did not count."""
+    camera = next(iter(dike.cameras.values()))
+
+    def bent(block):
+        ties = block.tie_points.copy()
+        way = np.where(block.image_rows("tie_points") % 2, 1.0, -1.0)
+        ties["x"] += way * bend_px * ((ties["y"] / camera.height - 0.5) ** 2 - 1 / 12)
+        return block.with_(tie_points=ties)
+
+    without = corridor.adjust(bent(dike))
+    found = corridor.adjust(bent(with_false_matches(dike, 0.03, seed=2)))
+    assert found.converged and found.sigma0 == pytest.approx(without.sigma0, rel=0.05)
+    assert [note for note in found.warnings if "their matches are wrong" in note]
+    assert found.check_rms.d3 < 1.1 * without.check_rms.d3
+
+
 MISTAKES = {
     "points of another image": lambda xy, size: xy[::-1],
     "mirrored": lambda xy, size: np.column_stack([size[0] - xy[:, 0], xy[:, 1]]),
