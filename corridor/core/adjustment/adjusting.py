@@ -334,7 +334,8 @@ def _once(
     residual, behind = Normal(problem, loss, threads).residuals(problem.start)
     lost = _wild_starts(problem, residual)
     if behind:
-        block, more = _in_front(block, problem, residual, lost)
+        few = 0 if run.strict and not refitted else max(_SPARE * len(block.images), _FEW_POSES)
+        block, more = _in_front(block, problem, residual, lost, few)
         notes += more
     elif lost:
         block = _without_starts(block, lost)
@@ -521,14 +522,15 @@ def _without_starts(block: Block, names: set[str]) -> Block:
 
 
 def _in_front(
-    block: Block, problem: Problem, residual: np.ndarray, wild: set[str]
+    block: Block, problem: Problem, residual: np.ndarray, wild: set[str], few: float
 ) -> tuple[Block, list[str]]:
-    """The block with points that start behind a camera, or wild, intersected anew or left out."""
+    """The block with points that start behind a camera, or wild, intersected anew or left out, and
+    so few poses that put all points there found anew."""
     behind = np.isnan(residual[:, 0])
     count = np.bincount(problem.img, minlength=problem.image_count)
     hidden = np.bincount(problem.img[behind], minlength=problem.image_count)
     blind = np.flatnonzero((hidden == count) & (count > 0))
-    if len(blind) > max(_SPARE * problem.image_count, _FEW_POSES):
+    if len(blind) > few:
         row = problem.order[blind].min()
         more = f" ({len(blind) - 1} more images too)" if len(blind) > 1 else ""
         raise InputError(

@@ -129,6 +129,7 @@ class TestBehindTheCamera:
     def test_a_flipped_quaternion_is_named_and_its_pose_found_anew(self, block):
         whole = corridor.adjust(block)
         block.images.loc[5, QUATERNION] = [1.0, 0.0, 0.0, 0.0]
+        refused(block, "images.csv, row 7", "lie behind it", "check its quaternion", strict=True)
         adjusted = corridor.adjust(block)
         (told,) = [note for note in adjusted.warnings if "all points behind the image" in note]
         assert "images.csv" in told and block.images["image"][5] in told
