@@ -245,7 +245,7 @@ def _with_ground_as_seen(
     if not strict and (result is None or _misfits(result)):
         found = where_it_leads(with_true_matches, block, model, again, whole, _begun)
         better = found is not None and (
-            result is None or wrecked or found.sigma0 < result.sigma0 / CONTRADICTING_FACTOR
+            result is None or wrecked or _size(found) < _size(result) / CONTRADICTING_FACTOR
         )
         if found and better:
             if found.sigma0 < CONTRADICTING_FACTOR:
@@ -269,7 +269,14 @@ def _with_ground_as_seen(
 def _misfits(result: Adjustment) -> bool:
     """Whether single matches may be what does: what a model lacks is in all, and none is gross."""
     some_gross = not result.converged or result.residuals["tie"]["gross"].any()
-    return bool(result.sigma0 > _MISFIT and some_gross)
+    return bool(_size(result) > _MISFIT and some_gross)
+
+
+def _size(result: Adjustment) -> float:
+    """Sigma naught of tie points as squares have it: a robust loss hides gross ones in its own."""
+    ties = result.residuals["tie"]
+    scaled = ties[["vx", "vy"]].to_numpy() / ties[["sigma"]].to_numpy()
+    return max(result.sigma0, float(np.sqrt(np.mean(scaled**2))) if len(ties) else 0.0)
 
 
 def _many_wrong_marks(result: Adjustment) -> bool:
