@@ -12,7 +12,7 @@ from corridor.core.adjustment import (
     Adjustment,
     Model,
     Run,
-    adjustable_part,
+    adjustable_part_as_seen,
     different_arms,
     implausible,
     refit,
@@ -136,9 +136,13 @@ def _diagnose(
     ]
     for told in mirrored(block):
         raise InputError(f"{told} Correct tie_points.csv and marks.csv.")
-    block, turned = with_turns_as_seen(block, lambda part: refit(part, model, run))
+
+    def again(part: Block) -> Adjustment:
+        return refit(part, model, run)
+
+    block, turned = with_turns_as_seen(block, again)
     block, other = without_impossible_points(block, run.strict)
-    block, left_out = adjustable_part(block, model, run.strict)
+    block, left_out = adjustable_part_as_seen(block, model, again, run.strict)
     doubtful = [*turned, *other, *plausibility_warnings(block)]
     notes = [*left_out, *notes]
     believed = ReferenceModel.of(block, model, run)

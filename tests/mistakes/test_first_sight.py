@@ -21,7 +21,7 @@ from slips import (
 )
 
 import corridor
-from corridor.core.preparation import plausibility_warnings, position_difference
+from corridor.core.preparation import AXES, plausibility_warnings, position_difference
 
 
 def distance(factor):
@@ -35,6 +35,17 @@ def distance(factor):
         (folder / "distances.csv").write_text(f"from,to,distance\n{name},{end},{length:.4f}\n")
 
     return edit
+
+
+def twice(folder):
+    """The second image is there again, as `copy.tif`."""
+
+    def again(rows):
+        second = rows[rows["image"] == rows["image"].unique()[1]]
+        return pd.concat([rows, second.assign(image="copy.tif")])
+
+    for name in ("images", "tie_points"):
+        table(name, again)(folder)
 
 
 # Seen at first sight, without an adjustment: slip -> words of the sentence.
@@ -88,6 +99,10 @@ AT_FIRST_SIGHT = {
     "one tie point outside": (
         cell("tie_points", 40, "x", 10),
         r"1 observation outside the picture .* tie_points.csv, row 42: point T\d+ in image F",
+    ),
+    "a picture under two names": (
+        twice,
+        r"2 images .*copy.tif\) have their points",
     ),
     "focal length in millimetres": (toml("f = 5489.0", "f = 35.1"), "f is in pixels"),
     "GNSS heights above the ellipsoid": (plus("gnss", z=43.0), "ellipsoid.*geoid"),
@@ -172,6 +187,17 @@ class TestPositionsBesidePoses:
         given = self.poses / [1.0, 1.0, metres]
         assert f"times those of images.csv: are they in {unit}?" in self.told(given)
         assert "geoid" in self.told(self.poses + [0.0, 0.0, 45.0])
+
+    @pytest.mark.parametrize(("words", "order", "sign"), AXES)
+    def test_other_axes_are_told(self, words, order, sign):
+        assert f"has {words} beside images.csv" in self.told((self.poses * sign)[:, order])
+
+    def test_x_and_y_exchanged_along_a_diagonal_are_told(self):
+        """They lie within 15 m of a strip of 75 m, and went into the standard deviations."""
+        along = np.linspace(0.0, 60.0, 12)
+        poses = np.column_stack([along, 0.4 * along + 20.0, np.full(12, 260.0)])
+        told = position_difference("gnss.csv", poses[:, [1, 0, 2]] + 0.3, "images.csv", poses)
+        assert "x and y exchanged" in told
 
     def test_poses_of_a_frame_of_their_own_say_nothing(self):
         turned = self.poses @ np.array([[0.6, 0.8, 0], [-0.8, 0.6, 0], [0, 0, 1]]) * 0.3

@@ -23,7 +23,7 @@ from corridor.core.adjustment.false_matches import with_true_matches, without_ti
 from corridor.core.adjustment.false_positions import without_false_fixes
 from corridor.core.adjustment.gross_errors import begun_with_sound_positions, without_gross_errors
 from corridor.core.adjustment.ground_variances import with_ground_doubts, with_marks_as_they_are
-from corridor.core.adjustment.left_out import adjustable_part
+from corridor.core.adjustment.left_out import adjustable_part, adjustable_part_as_seen
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.matrix import Singular
 from corridor.core.adjustment.model import Loss, Model, listed_effects
@@ -43,7 +43,7 @@ from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.turns import with_turns_as_seen
 from corridor.core.adjustment.variance_components import CONTRADICTING_FACTOR
 from corridor.core.adjustment.warnings import implausible
-from corridor.core.block import Block, read, with_rigid_poses
+from corridor.core.block import POSE, Block, read, with_rigid_poses
 from corridor.core.effects import Effect, check_needs
 from corridor.core.engine.scene import SQUARES
 from corridor.core.errors import AdjustmentFailed, InputError, some
@@ -73,6 +73,9 @@ _MISFIT = 3.0
 # Share of marks far off beyond which it is not they that are wrong.
 _MANY = 0.2
 _WEIGHTS = ("estimated", "marks", "stated")
+# Of so few images, or the share above, start poses that show nothing are found anew; of more, a
+# convention is another one.
+_FEW_POSES = 2
 # A point that ends this near to a camera, of where it began, has fallen into it.
 _FALLEN = 0.1
 
@@ -144,7 +147,8 @@ def adjust(
     camera that is free. Antenna positions too coarse to see a lever arm are assumed to be so rather
     than known: where they scatter otherwise, that is used and said.
     Where it fails, or sigma naught is beyond three, false matches and images of which all is wrong
-    are looked for; left out and told where the rest fits (sigma naught below two); never if strict.
+    are looked for; left out and told where the rest fits (sigma naught below two), or they lie
+    beyond 15 times what remains beside it; never if strict.
     Missing start values are made (`corridor.adjustment.initial`). A block with neither control
     nor GNSS is adjusted as a free network, laid on its start poses as a whole.
     Raises InputError where the block cannot be adjusted as asked, AdjustmentFailed where the
@@ -172,7 +176,7 @@ def adjust(
 
     block, turned = with_turns_as_seen(block, again)
     block, other = without_impossible_points(block, run.strict)
-    block, left_out = adjustable_part(block, model, run.strict)
+    block, left_out = adjustable_part_as_seen(block, model, again, run.strict)
     doubtful = [*turned, *other, *plausibility_warnings(block)]
 
     def whole(part: Block) -> Adjustment:
@@ -232,6 +236,7 @@ def _with_ground_as_seen(
     """The block adjusted; where that fails, or no camera is so, without false matches or exchanged
     ground points."""
     result: Adjustment | None = None
+    left: list[str] = []
     try:
         result = whole(block)
     except (InputError, AdjustmentFailed) as error:
@@ -239,16 +244,21 @@ def _with_ground_as_seen(
     wrecked = result is None or not result.converged or result.sigma0 > _WRECKED
     if not strict and (result is None or _misfits(result)):
         found = where_it_leads(with_true_matches, block, model, again, whole, _begun)
-        # Where the rest does not fit either, it is the model: a shutter on a rocking wing, say.
-        if found and found.converged and found.sigma0 < CONTRADICTING_FACTOR:
-            if result is None or wrecked or found.sigma0 < result.sigma0 / CONTRADICTING_FACTOR:
+        better = found is not None and (
+            result is None or wrecked or _size(found) < _size(result) / CONTRADICTING_FACTOR
+        )
+        if found and better:
+            if found.sigma0 < CONTRADICTING_FACTOR:
                 return found, []
+            # What the model lacks, or ground points, may still be wrong beside them.
+            result, block, left = found, found.start, found.notes
+            wrecked = result.sigma0 > _WRECKED
     # A robust loss takes marks of points that lie elsewhere for wrong ones.
     if result is None or wrecked or _many_wrong_marks(result) or implausible(result):
         sound, notes = without_exchanged(block, model, again)
         if notes:
             try:
-                return whole(sound), notes
+                return whole(sound), [*left, *notes]
             except (InputError, AdjustmentFailed) as error:
                 raise type(error)(f"{notes[0]} So: {error}") from None
     if result is None:
@@ -259,7 +269,14 @@ def _with_ground_as_seen(
 def _misfits(result: Adjustment) -> bool:
     """Whether single matches may be what does: what a model lacks is in all, and none is gross."""
     some_gross = not result.converged or result.residuals["tie"]["gross"].any()
-    return bool(result.sigma0 > _MISFIT and some_gross)
+    return bool(_size(result) > _MISFIT and some_gross)
+
+
+def _size(result: Adjustment) -> float:
+    """Sigma naught of tie points as squares have it: a robust loss hides gross ones in its own."""
+    ties = result.residuals["tie"]
+    scaled = ties[["vx", "vy"]].to_numpy() / ties[["sigma"]].to_numpy()
+    return max(result.sigma0, float(np.sqrt(np.mean(scaled**2))) if len(ties) else 0.0)
 
 
 def _many_wrong_marks(result: Adjustment) -> bool:
@@ -324,7 +341,8 @@ def _once(
     residual, behind = Normal(problem, loss, threads).residuals(problem.start)
     lost = _wild_starts(problem, residual)
     if behind:
-        block, more = _in_front(block, problem, residual, lost)
+        few = 0 if run.strict and not refitted else max(_SPARE * len(block.images), _FEW_POSES)
+        block, more = _in_front(block, problem, residual, lost, few)
         notes += more
     elif lost:
         block = _without_starts(block, lost)
@@ -511,14 +529,15 @@ def _without_starts(block: Block, names: set[str]) -> Block:
 
 
 def _in_front(
-    block: Block, problem: Problem, residual: np.ndarray, wild: set[str]
+    block: Block, problem: Problem, residual: np.ndarray, wild: set[str], few: float
 ) -> tuple[Block, list[str]]:
-    """The block with points that start behind a camera, or wild, intersected anew or left out."""
+    """The block with points that start behind a camera, or wild, intersected anew or left out, and
+    so few poses that put all points there found anew."""
     behind = np.isnan(residual[:, 0])
     count = np.bincount(problem.img, minlength=problem.image_count)
     hidden = np.bincount(problem.img[behind], minlength=problem.image_count)
-    blind = np.flatnonzero(hidden == count)
-    if len(blind):
+    blind = np.flatnonzero((hidden == count) & (count > 0))
+    if len(blind) > few:
         row = problem.order[blind].min()
         more = f" ({len(blind) - 1} more images too)" if len(blind) > 1 else ""
         raise InputError(
@@ -526,15 +545,27 @@ def _in_front(
             f"{block.images['image'].iloc[row]} lie behind it{more}: check its quaternion (world "
             "to camera, qw first) and its position"
         )
+    notes = []
+    if len(blind):
+        block, rows = block.copy(), problem.order[blind]
+        pose = block.poses
+        pose[rows] = np.nan
+        block.put("images", POSE, pose)
+        names = block.images["image"].iloc[rows]
+        notes.append(
+            f"{counted(len(rows), 'start pose')} of images.csv put all points behind the image "
+            f"({some(sorted(names), 5)}): found anew from the points."
+        )
     block = _without_starts(block, _names_of(problem, behind) | wild)
     again = make_problem(block)
     residual, still = Normal(again, Loss()).residuals(again.start)
     if not still:
-        return block, []
+        return block, notes
     hopeless = _names_of(again, np.isnan(residual[:, 0]))
     return without_ties(block, hopeless), [
+        *notes,
         f"{len(hopeless)} tie points lie behind a camera that measured them and are left out "
-        f"({some(sorted(hopeless), 5)}): their matches are wrong."
+        f"({some(sorted(hopeless), 5)}): their matches are wrong.",
     ]
 
 

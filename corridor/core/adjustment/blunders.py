@@ -18,7 +18,7 @@ from corridor.core.camera import undistort
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.geometry import Rays, meeting_points, robust_scale, rotation_from_quaternion
 from corridor.core.output import counted
-from corridor.core.preparation import UNITS_M
+from corridor.core.preparation import AXES, UNITS_M
 
 if TYPE_CHECKING:
     from corridor.core.adjustment.result import Adjustment
@@ -36,17 +36,6 @@ EXCHANGED, _EXCHANGED_SIGMAS, _FARTHEST = 0.25, 5.0, 20
 # Another reading of the coordinates is the right one where it leaves less than this share; so far
 # off, m, points lie elsewhere: nearer, an adjustment gets over it and tells.
 _ALIKE, _ELSEWHERE_M = 0.1, 2.0
-# Axes that coordinates are given in by mistake: their order and signs.
-_AXES = (
-    ("x and y exchanged", [1, 0, 2], [1, 1, 1]),
-    ("x and y exchanged, and x with the opposite sign", [1, 0, 2], [1, -1, 1]),
-    ("x and y exchanged, and y with the opposite sign", [1, 0, 2], [-1, 1, 1]),
-    ("x and y exchanged, both with the opposite sign", [1, 0, 2], [-1, -1, 1]),
-    ("x with the opposite sign", [0, 1, 2], [-1, 1, 1]),
-    ("y with the opposite sign", [0, 1, 2], [1, -1, 1]),
-    ("x and y with the opposite sign", [0, 1, 2], [-1, -1, 1]),
-    ("z counted downwards", [0, 1, 2], [1, 1, -1]),
-)
 # Sigma naught of tie points, without any ground point, from which on the images do not fit their
 # camera, and are no witness of how high ground points lie.
 _NO_WITNESS = 2.0
@@ -177,7 +166,7 @@ def _read_otherwise(given: np.ndarray, seen: np.ndarray) -> str:
         # Of a small unit hardly anything is left of them, which is as near to points of any kind.
         if read[unit] < _ALIKE * min(left, _apart(kept, seen)):
             return f"{what} in {unit}, beside images and GNSS in metres: convert to metres."
-    turned = {words: _apart(given[:, order] * sign, seen) for words, order, sign in _AXES}
+    turned = {words: _apart(given[:, order] * sign, seen) for words, order, sign in AXES}
     words = min(turned, key=turned.__getitem__)
     if turned[words] < _ALIKE * left:
         return f"ground.csv has {words} beside images and GNSS: x is east, y north, z up."

@@ -4,11 +4,13 @@ Every real project has some; the rest of the block is none the worse for it.
 """
 
 import numpy as np
+import pandas as pd
 
 from corridor.core.adjustment.blunders import without_wild_cells
 from corridor.core.adjustment.model import Model
 from corridor.core.adjustment.ordering import appearances
-from corridor.core.block import Block, is_among
+from corridor.core.adjustment.result import Again, where_it_leads
+from corridor.core.block import POSE, Block, is_among
 from corridor.core.errors import InputError, some
 from corridor.core.output import counted
 
@@ -87,6 +89,46 @@ def adjustable_part(block: Block, model: Model, strict: bool = False) -> tuple[B
             f"image shows, which a pose needs, left out: {some(shown, _NAMED)}."
         )
     return _without(block, keep | ~counts, there), notes
+
+
+def adjustable_part_as_seen(
+    block: Block, model: Model, again: Again, strict: bool = False
+) -> tuple[Block, list[str]]:
+    """As `adjustable_part`; what lies far from start poses is judged again beside adjusted ones,
+    for it may be a start pose that is wild.
+
+    again: adjusts a block.
+    """
+    part, notes = adjustable_part(block, model, strict)
+    gone = 0 if strict else _set_aside(block, part)
+    found = where_it_leads(again, part) if gone else None
+    if found is None:
+        return part, notes
+    begun, seen = block.copy(), found.block
+    at = pd.Index(block.images["image"]).get_indexer(seen.images["image"])
+    pose = block.poses
+    pose[at] = seen.poses
+    begun.put("images", POSE, pose)
+    other, told = adjustable_part(begun, model)
+    if _set_aside(begun, other) >= gone:
+        return part, notes
+    away = np.linalg.norm((pose - block.poses)[at, :3], axis=1)
+    cosine = np.abs(np.sum((pose * block.poses)[at, 3:], axis=1))
+    turn = 2.0 * np.degrees(np.arccos(np.clip(cosine, 0.0, 1.0)))
+    names = seen.images["image"].to_numpy()
+    return other, [
+        f"Start poses of images.csv are off by up to {np.nanmax(away):.1f} m "
+        f"({names[np.nanargmax(away)]}) and {np.nanmax(turn):.0f} degrees "
+        f"({names[np.nanargmax(turn)]}): GNSS and ground points that they alone contradict "
+        "are kept.",
+        *told,
+    ]
+
+
+def _set_aside(block: Block, part: Block) -> int:
+    """Of how many positions and ground points no use is made in a part of a block."""
+    unused = (part.ground["role"] == "unused").sum() - (block.ground["role"] == "unused").sum()
+    return len(block.gnss) - len(part.gnss) + int(unused)
 
 
 def _refuse_one_place(block: Block) -> None:

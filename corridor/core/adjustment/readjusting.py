@@ -28,7 +28,9 @@ from corridor.core.adjustment.variance_components import (
     CONTRADICTING_FACTOR,
     RARE_CHANCE,
     Slow,
+    components,
     contradicting,
+    general,
     restate,
     slow,
 )
@@ -60,6 +62,9 @@ _FOCAL_SIGMAS = 5.0
 # Heat moves a focal length by less than a thousandth; a rolling shutter of 50 ms, which takes it
 # along at 5 m/s, by a quarter of a metre of the 50 that a picture shows from as high.
 _FOCAL_SHARE = 0.01
+# Sigma naught of what positions may bend; the share of redundancy that leaves their residuals a
+# tenth of their errors; by what they are loosened: millimetres taken for centimetres or metres.
+_BENT, _TIGHT, _LOOSE = 1.25, 0.1, 100.0
 # Below this a readout scales no error of a velocity any more: a global shutter, s.
 _LEAST_S = 0.002
 # A scale of uncertain motion that changes by less is the same; it settles within some rounds.
@@ -179,9 +184,10 @@ def with_gnss_as_it_is(result: Adjustment, again: Again) -> Adjustment:
     A block of false positions of a flight is weighted apart from the rest.
     """
     notes: list[str] = []
-    doubtful, found = contradicting(result), result
+    found = _unbent(result, again)
+    doubtful = contradicting(found)
     if doubtful:
-        found = false_apart(result, again, sorted({flight for _, flight in doubtful}), notes)
+        found = false_apart(found, again, sorted({flight for _, flight in doubtful}), notes)
     for _ in range(_ROUNDS):
         doubtful = contradicting(found)
         if not doubtful:
@@ -203,6 +209,33 @@ def with_gnss_as_it_is(result: Adjustment, again: Again) -> Adjustment:
         return result
     found.add_note(*notes)
     return found
+
+
+def _unbent(result: Adjustment, again: Again) -> Adjustment:
+    """Adjusted with positions as they scatter about images that need not follow them, where these
+    then fit as much better as if all positions had been outliers; else the result itself.
+
+    Positions whose standard deviations are far too small bend the images, and have no residuals
+    left that would contradict.
+    """
+    fits = not result.converged or result.sigma0 < _BENT
+    if fits or not len(result.problem.gnss_image) or not result.problem.tie_count:
+        return result
+    loose = result
+    for _ in range(_ROUNDS):
+        table = components(loose).query("kind == 'gnss'").set_index(["part", "flight"])
+        if (table["redundancy"] >= _TIGHT * table["count"]).all():
+            break
+        loose = _scaled(loose, dict.fromkeys(table.index, _LOOSE), again)
+        if not loose.converged:
+            return result
+    before, after = general(result) ** 2, general(loose) ** 2
+    gain = 2 * result.problem.tie_count * (before - after) / after
+    if loose is result or gain < OUTLIER**2 * table["count"].sum():
+        return result
+    factor = (table["sigma0"] / np.sqrt(after)).fillna(1.0).clip(lower=1.0 / _LOOSE)
+    found = _scaled(loose, factor.to_dict(), again)
+    return found if found.converged else result
 
 
 def _scaled(found: Adjustment, factors: dict[tuple[str, str], float], again: Again) -> Adjustment:

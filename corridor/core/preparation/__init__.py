@@ -9,6 +9,7 @@ from corridor.core.preparation.half_turns import (
     without_turned_starts,
 )
 from corridor.core.preparation.plausibility import (
+    AXES,
     UNITS_M,
     mirrored,
     plausibility_warnings,

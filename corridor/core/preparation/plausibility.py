@@ -12,7 +12,7 @@ import numpy as np
 
 from corridor.core.block import LAYOUTS, Block
 from corridor.core.camera import INTERIOR, project_rays, undistort
-from corridor.core.errors import InputError, did_you_mean
+from corridor.core.errors import InputError, did_you_mean, some
 from corridor.core.geometry import GROSS, is_outlier, robust_scale_of_lengths
 from corridor.core.output import counted
 from corridor.core.preparation.half_turns import AsPosed, as_posed, turned_images
@@ -34,6 +34,8 @@ _KEYS = ("name", "description", "source", "licence", "crs", "offset", "camera", 
 # The last two are written by `corridor import photos`.
 _CAMERA_KEYS = ("width", "height", "model", *INTERIOR, "pixel_um", "readout_s", "row_direction",
                 "calibrated", "readout_from", "f_stated")  # fmt: skip
+# Observations in which a picture that is there twice shows.
+_ENOUGH = 200_000
 # So far a file's name is that of a table: `tiepoints`, `Gnss`, `ground.txt`.
 _ALIKE = 0.85
 # Measured and modelled image coordinates that agree but for noise and rough start values.
@@ -55,6 +57,17 @@ _HOTTEST_C, _HOTTEST_F, _OTHER_LENGTH = 85.0, 185.0, 0.2
 # Units that lengths are given in by mistake, m; a ratio this near to theirs is taken for it.
 UNITS_M = {"feet": _FOOT_M, "centimetres": 1e-2, "millimetres": 1e-3, "kilometres": 1e3}
 _OF_UNIT = 0.02
+# Axes that coordinates are given in by mistake: their order and signs.
+AXES = (
+    ("x and y exchanged", [1, 0, 2], [1, 1, 1]),
+    ("x and y exchanged, and x with the opposite sign", [1, 0, 2], [1, -1, 1]),
+    ("x and y exchanged, and y with the opposite sign", [1, 0, 2], [-1, 1, 1]),
+    ("x and y exchanged, both with the opposite sign", [1, 0, 2], [-1, -1, 1]),
+    ("x with the opposite sign", [0, 1, 2], [-1, 1, 1]),
+    ("y with the opposite sign", [0, 1, 2], [1, -1, 1]),
+    ("x and y with the opposite sign", [0, 1, 2], [-1, -1, 1]),
+    ("z counted downwards", [0, 1, 2], [1, 1, -1]),
+)
 _REMEDY = "x is east, y north, in metres less the block's offset."
 
 
@@ -64,6 +77,7 @@ def plausibility_warnings(block: Block) -> list[str]:
         *earth_warnings(block),
         *_positions(block),
         *_pictures(block),
+        *_twice(block),
         *(list(mirrored(block)) or turned_images(block)),
         *without_impossible_points(block)[1],
         *_settings(block),
@@ -111,6 +125,25 @@ def _plain(name: str) -> str:
     """A name as a spreadsheet or another program may have changed it: `001`, `1`, `1.0`."""
     name = re.sub(r"(?<![\d.])0+(?=\d)", "", re.sub(r"\.0+$", "", name.casefold()))
     return re.sub(r"[\s_-]+", "", name)
+
+
+# --- pictures given twice ---------------------------------------------------------------------
+
+
+def _twice(block: Block) -> Iterator[str]:
+    """Images of which most points lie at the very place of another's: no two exposures are so."""
+    ties = block.tie_points
+    some_points = ties["point"].cat.codes % (1 + len(ties) // _ENOUGH) == 0
+    ties = ties.loc[some_points, ["image", "point", "x", "y"]]
+    same = ties.duplicated(["point", "x", "y"], keep=False)
+    of = same[same].groupby(ties["image"].astype(str)).sum() / ties["image"].value_counts()
+    names = sorted(of.index[of > _CLEAR].astype(str))
+    if names:
+        yield (
+            f"{len(names)} images ({some(names, 4)}) have their points at the very pixels of "
+            "another: is one picture there under two names? What it shows then counts twice: "
+            "leave one of them out."
+        )
 
 
 # --- block.toml -------------------------------------------------------------------------------
@@ -492,6 +525,14 @@ def position_difference(file: str, given: np.ndarray, other: str, known: np.ndar
         return ""
     extent = np.ptp(known[:, :2], axis=0).max()
     away = given - known
+    turned = {
+        words: np.median(np.linalg.norm(given[:, order] * sign - known, axis=1))
+        for words, order, sign in AXES
+    }
+    words = min(turned, key=lambda words: turned[words])
+    # Along a diagonal, axes that are exchanged put images hardly elsewhere.
+    if turned[words] < 0.05 * np.median(np.linalg.norm(away, axis=1)):
+        return f"{file} has {words} beside {other}: x is east, y north, z up."
     middle = np.median(away, axis=0)
     spread = np.median(np.abs(away - middle), axis=0)
     if not np.linalg.norm(middle) > _FAR_UP_M and spread.max() < 0.2 * extent:
@@ -501,9 +542,6 @@ def position_difference(file: str, given: np.ndarray, other: str, known: np.ndar
             f"{file} gives x and y in degrees, {other} in metres: convert them to the block's "
             "coordinates (`corridor gnss` does)."
         )
-    swapped = given[:, [1, 0]] - known[:, :2]
-    if np.median(np.abs(swapped)) < 0.05 * np.median(np.abs(away[:, :2])):
-        return f"{file} has x and y exchanged beside {other}: x is east, y north."
     for unit, metres in UNITS_M.items():
         for one, mine, others in ((file, given, known), (other, known, given)):
             wide = np.ptp(others[:, :2], axis=0).max()

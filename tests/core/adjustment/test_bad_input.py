@@ -126,10 +126,14 @@ class TestTooFewMeasurements:
 
 
 class TestBehindTheCamera:
-    def test_a_flipped_quaternion_is_named_with_its_row(self, block):
+    def test_a_flipped_quaternion_is_named_and_its_pose_found_anew(self, block):
+        whole = corridor.adjust(block)
         block.images.loc[5, QUATERNION] = [1.0, 0.0, 0.0, 0.0]
-        name = block.images["image"][5]
-        refused(block, "images.csv, row 7", name, "lie behind it", "check its quaternion")
+        refused(block, "images.csv, row 7", "lie behind it", "check its quaternion", strict=True)
+        adjusted = corridor.adjust(block)
+        (told,) = [note for note in adjusted.warnings if "all points behind the image" in note]
+        assert "images.csv" in told and block.images["image"][5] in told
+        assert np.abs(adjusted.block.poses - whole.block.poses).max() < 1e-6
 
     def test_of_many_the_first_row_is_named_and_the_others_counted(self, block):
         """All look up: a quaternion camera to world of another frame, say."""
@@ -325,14 +329,14 @@ class TestTheCommand:
         assert [path.name for path in tmp_path.iterdir()] == ["block"]
 
     def test_a_row_of_a_table_is_named(self, block, tmp_path, capsys):
-        block.images.loc[5, QUATERNION] = [1.0, 0.0, 0.0, 0.0]
+        block.images[QUATERNION] = [1.0, 0.0, 0.0, 0.0]
         block.write(tmp_path / "block")
         out = tmp_path / "out"
         assert main(["adjust", str(tmp_path / "block"), "-o", str(out)]) == 2
         said = capsys.readouterr().err
         last = said.splitlines()[-1]
         assert last.startswith("error: ")
-        assert "images.csv, row 7" in last
+        assert "images.csv, row 2" in last
         assert "Traceback" not in said
         assert not out.exists()
 

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 import corridor
+from corridor.core.adjustment.adjusting import _misfits
 
 DIKE = Path(__file__).parents[3] / "data_synthetic" / "dike"
 
@@ -69,6 +70,37 @@ def test_gross_measurements_are_left_out_and_told(dike, sound, share, size_px, l
     assert found.converged and found.sigma0 < 1.1
     assert np.abs(off.to_numpy()).max() < 0.05
     assert [note for note in found.warnings if "their matches are wrong" in note]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bend_px", [20.0, 60.0])
+def test_false_matches_are_left_out_of_a_block_whose_model_lacks_something_too(dike, bend_px):
+    """Every second picture is bent the other way: the rest does not fit, and did not count."""
+    camera = next(iter(dike.cameras.values()))
+
+    def bent(block):
+        ties = block.tie_points.copy()
+        way = np.where(block.image_rows("tie_points") % 2, 1.0, -1.0)
+        ties["x"] += way * bend_px * ((ties["y"] / camera.height - 0.5) ** 2 - 1 / 12)
+        return block.with_(tie_points=ties)
+
+    without = corridor.adjust(bent(dike))
+    found = corridor.adjust(bent(with_false_matches(dike, 0.03, seed=2)))
+    assert found.converged and found.sigma0 == pytest.approx(without.sigma0, rel=0.05)
+    assert [note for note in found.warnings if "their matches are wrong" in note]
+    assert found.check_rms.d3 < 1.1 * without.check_rms.d3
+
+
+@pytest.mark.slow
+def test_a_robust_loss_does_not_hide_that_measurements_are_gross(dike):
+    """A diagnosis, which begins with one, kept false matches and missed a shutter beside them."""
+    rng = np.random.default_rng(3)
+    ties = dike.tie_points.copy()
+    wrong = rng.random(len(ties)) < 0.01
+    ties.loc[wrong, ["x", "y"]] += rng.normal(0.0, 100.0, (wrong.sum(), 2))
+    found = corridor.adjust(dike.with_(tie_points=ties), loss="cauchy:2", strict=True)
+    assert found.converged and found.sigma0 < 1.5
+    assert _misfits(found)
 
 
 MISTAKES = {

@@ -44,6 +44,20 @@ class TestCoarseOnesThatAreFine:
         assert found.check_rms.d3 < 1.2 * right.check_rms.d3
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [0.01, 0.001])
+def test_those_stated_far_too_well_are_weighted_as_they_scatter(factor):
+    """They bend the images, and have no residuals left: check points were twice as far off."""
+    block = flown()
+    block.gnss[["sx", "sy", "sz"]] = factor * TRUE
+    found = corridor.adjust(block)
+    sigma = found.problem.block.gnss_sigma()[0]
+    assert sigma[0] == pytest.approx(TRUE[0], rel=0.25)
+    assert sigma[2] == pytest.approx(TRUE[2], rel=0.35)
+    assert [note for note in found.warnings if "contradict the stated" in note]
+    assert found.check_rms.d3 < 1.2 * corridor.adjust(flown()).check_rms.d3
+
+
 class TestOneBlockOfFalsePositions:
     OFF = np.array([0.25, -0.15, 0.40])
 
