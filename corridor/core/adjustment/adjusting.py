@@ -19,7 +19,7 @@ from corridor.core.adjustment.datum import (
     open_motions,
     scaled_by_distances,
 )
-from corridor.core.adjustment.false_matches import with_true_matches, without_ties
+from corridor.core.adjustment.false_matches import suspects, with_true_matches, without_ties
 from corridor.core.adjustment.false_positions import without_false_fixes
 from corridor.core.adjustment.gross_errors import begun_with_sound_positions, without_gross_errors
 from corridor.core.adjustment.ground_variances import with_ground_doubts, with_marks_as_they_are
@@ -244,8 +244,10 @@ def _with_ground_as_seen(
     wrecked = result is None or not result.converged or result.sigma0 > _WRECKED
     if not strict and (result is None or _misfits(result)):
         found = where_it_leads(with_true_matches, block, model, again, whole, _begun)
-        better = found is not None and (
-            result is None or wrecked or _size(found) < _size(result) / CONTRADICTING_FACTOR
+        better = (
+            found
+            and found.converged
+            and (result is None or wrecked or _size(found) < _size(result) / CONTRADICTING_FACTOR)
         )
         if found and better:
             if found.sigma0 < CONTRADICTING_FACTOR:
@@ -267,9 +269,15 @@ def _with_ground_as_seen(
 
 
 def _misfits(result: Adjustment) -> bool:
-    """Whether single matches may be what does: what a model lacks is in all, and none is gross."""
-    some_gross = not result.converged or result.residuals["tie"]["gross"].any()
-    return bool(_size(result) > _MISFIT and some_gross)
+    """Whether single matches may be what does: what a model lacks is in all about them too."""
+    # A robust loss gets over a few that are gross, unless they are wild.
+    if result.sigma0 < _MISFIT and _size(result) < _WRECKED:
+        return False
+    ties = result.residuals["tie"]
+    if not result.converged or result.sigma0 > _WRECKED:
+        return not result.converged or bool(ties["gross"].any())
+    rays, images = suspects(ties)
+    return bool(rays.any() or images)
 
 
 def _size(result: Adjustment) -> float:

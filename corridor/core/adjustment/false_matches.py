@@ -63,12 +63,9 @@ def with_true_matches(
         # Where it has not converged, it does so without the worst.
         robust = again(sound, replace(model, loss=NO_SAY))
         ties = robust.residuals["tie"].astype({"point": str, "image": str})
-        number, names = ties["image"].factorize()
-        apart = _alone(ties[["vx", "vy"]].to_numpy(), number, ties[["x", "y"]].to_numpy())
-        alone = apart > _TYPICAL * _by_image(apart, number, len(names))[number, 0]
-        gross = ties.loc[ties["gross"] & alone, ["point", "image"]]
-        of = ties.groupby("image")["gross"].mean()
-        images |= set(of.index[of > max(_ALL, _BEYOND * of.quantile(0.9))])
+        rays, wrong = suspects(ties, _ALL)
+        gross = ties.loc[rays, ["point", "image"]]
+        images |= wrong
         sound = _without(sound, set(gross.itertuples(index=False, name=None)))
         if images:
             sound = sound.select(images=[n for n in sound.images["image"] if n not in images])
@@ -99,6 +96,17 @@ def with_true_matches(
             "picture size, mirrored, or with the names of other points?"
         )
     return found
+
+
+def suspects(ties: pd.DataFrame, share: float = 0.1) -> tuple[np.ndarray, set[str]]:
+    """Which residuals (n,) of tie points are gross while those about them in their image are not,
+    and images of which more than a share is, and far more than of others."""
+    number, names = ties["image"].factorize()
+    apart = _alone(ties[["vx", "vy"]].to_numpy(), number, ties[["x", "y"]].to_numpy())
+    alone = apart > _TYPICAL * _by_image(apart, number, len(names))[number, 0]
+    of = ties.groupby("image", observed=True)["gross"].mean()
+    images = of.index[of > max(share, _BEYOND * of.quantile(0.9))]
+    return ties["gross"].to_numpy() & alone, set(images.astype(str))
 
 
 def _gross(block: Block, sound: Block, found: Adjustment) -> bool:
