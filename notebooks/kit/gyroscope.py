@@ -155,7 +155,8 @@ def cost_of(
     """Lowest cost of an adjustment with an effect of motion, camera held, over start delays (s).
 
     For comparing what is believed of a gyroscope's axes or of the row direction: wrong beliefs
-    have many shallow minima, so the delay starts from several values.
+    have many shallow minima, so the delay starts from several values. Strictly: costs are of the
+    same measurements.
     """
     costs = []
     for delay in delays:
@@ -164,7 +165,7 @@ def cost_of(
         try:
             found = least_squares.adjust(
                 shifted, camera="fixed", effects=[effect], loss=loss, lever_arm="fixed",
-                max_iterations=40,
+                max_iterations=40, strict=True,
             )  # fmt: skip
         except (AdjustmentFailed, InputError):
             # Without a readout a delay cannot be determined: that belief explains nothing.
