@@ -51,13 +51,14 @@ def test_points_that_fall_into_a_camera_are_left_out_and_the_rest_is_as_flown():
         found = corridor.adjust(block, loss=LOSS)
         assert found.converged
         gone = set(block.tie_points["point"]) - set(found.block.tie_points["point"])
-        assert bool(gone) == bool(left_out(found))
+        looked_for = [line for line in found.warnings if "far from where all else" in line]
+        assert bool(gone) == bool(left_out(found) or looked_for)
         assert all(name.startswith("wrong") for name in gone)
         flown = block.images["image"] != "twin.tif"
         away = np.linalg.norm((found.block.poses - block.poses)[flown, :3], axis=1)
         assert away.max() < min(block.sigma["gnss_m"])
-        assert found.start.tie_points.equals(block.tie_points)
-        times += bool(gone)
+        assert looked_for or found.start.tie_points.equals(block.tie_points)
+        times += bool(left_out(found))
     assert times >= 2
 
 
