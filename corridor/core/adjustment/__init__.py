@@ -21,7 +21,7 @@ from corridor.core.adjustment.fronts import (
     least_fill,
     solved,
 )
-from corridor.core.adjustment.left_out import adjustable_part_as_seen
+from corridor.core.adjustment.left_out import adjustable_part, adjustable_part_as_seen
 from corridor.core.adjustment.linear_system import Columns, ImageRows, LinearSystem
 from corridor.core.adjustment.matrix import Singular
 from corridor.core.adjustment.model import (
