@@ -461,7 +461,7 @@ print(f"mean of f: {pull:+.1f} standard errors from the truth")
 
 
 # %% [markdown]
-# Chance makes as much of one in thirty. (A model that is not linear turns large noise into a small
+# Chance makes as much of one in twenty. (A model that is not linear turns large noise into a small
 # bias, but that shrinks with its square: at the 0.5 px of a real block nothing of it is left.)
 
 

@@ -273,9 +273,12 @@ def _misfits(result: Adjustment) -> bool:
     # A robust loss gets over a few that are gross, unless they are wild.
     if result.sigma0 < _MISFIT and _size(result) < _WRECKED:
         return False
+    if not result.converged:
+        return True
     ties = result.residuals["tie"]
-    if not result.converged or result.sigma0 > _WRECKED:
-        return not result.converged or bool(ties["gross"].any())
+    # What all bends to hides which rays and images are wrong.
+    if result.sigma0 > _WRECKED:
+        return bool(ties["gross"].any())
     rays, images = suspects(ties)
     return bool(rays.any() or images)
 

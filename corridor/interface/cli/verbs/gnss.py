@@ -13,11 +13,11 @@ examples:
       as other programs do it, for comparison
 
 TRACK: RTKLIB or CSRS-PPP .pos, GrafNav text, POSPac text or SBET (with attitudes), MicMac XML or
-text, track.csv of a block. IMAGES: a
-block, its images.csv, a DJI .MRK, RTKLIB's NAME_events.pos, MicMac's image times, or a folder of
-photographs (EXIF). The table (image, x, y, z, sx, sy, sz: antenna, m; rho_xy, rho_xz, rho_yz:
-correlations, where the track states co-deviations) and a picture beside it appear together or not
-at all. Positions whose sigma is above --max-sigma are refused and named.
+text, track.csv of a block. IMAGES: a block, its images.csv, a DJI .MRK, RTKLIB's NAME_events.pos,
+MicMac's image times, or a folder of photographs (EXIF). The table (image, x, y, z, sx, sy, sz:
+antenna, m; rho_xy, rho_xz, rho_yz: correlations, where the track states co-deviations) and a
+picture beside it appear together or not at all. Positions whose sigma is above --max-sigma are
+refused and named.
 """
 
 import argparse
