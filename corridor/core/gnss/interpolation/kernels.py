@@ -110,7 +110,11 @@ def log_likelihoods(rows, start, steps, gusts, jerks, P0, out):
         age = 0
         for k in range(n):
             if start[k]:
-                age, x[:], P[:] = 0, 0.0, P0
+                age = 0
+                for i in range(d):
+                    x[i] = 0.0
+                    for j in range(d):
+                        P[i, j] = P0[i, j]
                 x[0] = rows.z[k]
             else:
                 u = steps.which[k]
@@ -141,27 +145,75 @@ def smooth(rows, steps, gusts, jerks, P0, states, sigmas):
             _driving(steps, u, gusts[k], jerks[k], Q)
             _predict(x, P, steps.F[u], Q, rows.kept[k], y, A)
         _observe(x, P, rows, k, g)
-        states[k], filtered[k] = x, P
+        for i in range(d):
+            states[k, i] = x[i]
+            for j in range(d):
+                filtered[k, i, j] = P[i, j]
     # From here on P is the smoothed covariance of row k + 1.
-    C, L = np.zeros((d, d)), np.zeros((d, d))
+    E, L, C, B = np.zeros((d, d)), np.zeros((d, d)), np.zeros((d, d)), np.zeros((d, d))
     for k in range(n - 1, -1, -1):
         if k < n - 1:
             u = steps.which[k + 1]
             _driving(steps, u, gusts[k + 1], jerks[k + 1], Q)
-            F = steps.F[u].copy()
-            if d > MOTION:
-                F[MOTION, MOTION] *= rows.kept[k + 1]
-                Q[MOTION, MOTION] = 1.0 - F[MOTION, MOTION] ** 2
-            ahead = F @ filtered[k]
-            _cholesky(ahead @ F.T + Q, L)
-            C[:] = ahead.T
             for i in range(d):
-                _solve(L, C[i])
-            states[k] += C @ (states[k + 1] - F @ states[k])
-            left = np.eye(d) - C @ F
-            P = C @ (P + Q) @ C.T + left @ filtered[k] @ left.T
-            P = 0.5 * (P + P.T)
-        sigmas[k] = np.sqrt(np.diag(P))
+                for j in range(d):
+                    E[i, j] = steps.F[u, i, j]
+            if d > MOTION:
+                E[MOTION, MOTION] *= rows.kept[k + 1]
+                Q[MOTION, MOTION] = 1.0 - E[MOTION, MOTION] ** 2
+            now = filtered[k]
+            _product(E, now, A)
+            _product(A, E.T, B)
+            for i in range(d):
+                for j in range(d):
+                    B[i, j] += Q[i, j]
+            _cholesky(B, L)
+            for i in range(d):
+                # A is F P, so its columns are those of P F', row by row.
+                for j in range(d):
+                    y[j] = A[j, i]
+                _solve(L, y)
+                for j in range(d):
+                    C[i, j] = y[j]
+            for i in range(d):
+                s = 0.0
+                for j in range(i, d):
+                    s += E[i, j] * states[k, j]
+                g[i] = states[k + 1, i] - s
+            for i in range(d):
+                s = 0.0
+                for j in range(d):
+                    s += C[i, j] * g[j]
+                    P[i, j] += Q[i, j]
+                states[k, i] += s
+            _product(C, P, A)
+            _product(A, C.T, P)
+            _product(C, E, A)
+            for i in range(d):
+                for j in range(d):
+                    A[i, j] = (1.0 if i == j else 0.0) - A[i, j]
+            _product(A, now, B)
+            _product(B, A.T, L)
+            for i in range(d):
+                for j in range(d):
+                    P[i, j] += L[i, j]
+            for i in range(d):
+                for j in range(i):
+                    P[i, j] = P[j, i] = 0.5 * (P[i, j] + P[j, i])
+        for i in range(d):
+            sigmas[k, i] = np.sqrt(P[i, i])
+
+
+@compiled(**_OPTIONS)
+def _product(A, B, out):
+    """out = A B."""
+    d = A.shape[0]
+    for i in range(d):
+        for j in range(d):
+            s = 0.0
+            for k in range(d):
+                s += A[i, k] * B[k, j]
+            out[i, j] = s
 
 
 @compiled(**_OPTIONS)
@@ -204,22 +256,42 @@ def forward_backward(logs, stay, jump, weights):
     """
     n, m = logs.shape
     total = 0.0
-    likely = np.empty((n, m))
     for k in range(n):
-        top = logs[k].max()
-        likely[k] = np.exp(logs[k] - top)
-        a = np.full(m, 1.0 / m)
-        if k > 0:
-            a = stay[k] * weights[k - 1] + (1.0 - stay[k]) * (weights[k - 1] @ jump)
-        weights[k] = a * likely[k]
-        c = weights[k].sum()
-        weights[k] /= c
+        top = logs[k, 0]
+        for j in range(1, m):
+            top = max(top, logs[k, j])
+        c = 0.0
+        for j in range(m):
+            a = 1.0 / m
+            if k > 0:
+                a = 0.0
+                for i in range(m):
+                    a += weights[k - 1, i] * jump[i, j]
+                a = stay[k] * weights[k - 1, j] + (1.0 - stay[k]) * a
+            weights[k, j] = a * np.exp(logs[k, j] - top)
+            c += weights[k, j]
+        for j in range(m):
+            weights[k, j] /= c
         total += np.log(c) + top
-    back = np.ones(m)
+    back, new = np.ones(m), np.ones(m)
     for k in range(n - 2, -1, -1):
-        back *= likely[k + 1]
-        back = stay[k + 1] * back + (1.0 - stay[k + 1]) * (jump @ back)
-        back /= back.sum()
-        weights[k] *= back
-        weights[k] /= weights[k].sum()
+        top = logs[k + 1, 0]
+        for j in range(1, m):
+            top = max(top, logs[k + 1, j])
+        for j in range(m):
+            back[j] *= np.exp(logs[k + 1, j] - top)
+        c = 0.0
+        for i in range(m):
+            a = 0.0
+            for j in range(m):
+                a += jump[i, j] * back[j]
+            new[i] = stay[k + 1] * back[i] + (1.0 - stay[k + 1]) * a
+            c += new[i]
+        s = 0.0
+        for i in range(m):
+            back[i] = new[i] / c
+            weights[k, i] *= back[i]
+            s += weights[k, i]
+        for i in range(m):
+            weights[k, i] /= s
     return total
