@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from corridor.core import registry
+from corridor.core.textfile import with_point
 
 # So many files are named one by one; what somebody is to read is named last.
 _MOST_FILES = 6
@@ -26,6 +27,9 @@ def checked(of: Callable, holds: Callable[..., bool], wrong: str) -> Callable[[s
             found = of(text)
             if holds(found):
                 return found
+        if with_point(text) != text:
+            wrote = f"{text!r} has a decimal comma; write {with_point(text)}"
+            raise argparse.ArgumentTypeError(wrote)
         raise argparse.ArgumentTypeError(f"{text!r} {wrong}")
 
     return value

@@ -18,7 +18,7 @@ from corridor.core.block import LAYOUTS, Block, place, read_columns
 from corridor.core.errors import InputError
 from corridor.core.geometry import similarity
 from corridor.core.gnss import GEOGRAPHIC, convert, known_crs, local_of, loose_way, outside_area
-from corridor.core.textfile import Line
+from corridor.core.textfile import Line, decimal_commas, with_point
 from corridor.tools.formats.frames import height_unit
 from corridor.tools.formats.ground_text import read_text
 from corridor.tools.formats.names import Names
@@ -119,13 +119,16 @@ def read_gcp_list(path: Path) -> Ground:
     Points without a name are told apart by their coordinates. (0, 0) is the centre of the first
     pixel. Feet become metres, in height too. Raises InputError naming file and line.
     """
-    rows, crs = [], None
+    rows, crs, commas, sure = [], None, [], False
     for line in filled(path, comment=_COMMENTS):
         if crs is None:
             crs = _known_system(line)
             continue
         # A name may stand in quotes, and have blanks in them.
-        text = line.text.replace(",", " ") if line.text.count(",") > 4 else line.text
+        text = line.text.replace(";", " ") if line.text.count(";") > 4 else line.text
+        spaced = [with_point(word) for word in text.split()[:5]]
+        if not all(map(says_number, spaced)) and text.count(",") > 4:
+            text = text.replace(",", " ")
         words = next(csv.reader([" ".join(text.split())], delimiter=" "))
         if len(words) == 5 and not says_number(words[4]):
             # x y column row image: a point without height
@@ -136,11 +139,15 @@ def read_gcp_list(path: Path) -> Ground:
                 f"{len(words)} words where x y z column row image [name] belong; separate them by "
                 "blanks"
             )
+        commas += [(line.at, word) for word in words[:5]]
+        sure = sure or text is not line.text and ";" in line.text
+        words[:5] = map(with_point, words[:5])
         place = line.numbers(words[:3], "a coordinate")
         pixel = line.numbers(words[3:5], "a pixel")
         rows.append((tuple(place), tuple(pixel), words[5], words[6] if len(words) > 6 else None))
     if crs is None or not rows:
         raise InputError(f"{path.name} holds no ground point; write one a line")
+    decimal_commas(path, commas, sure)
     places: dict[str, tuple] = {}
     unnamed: dict[tuple, str] = {}
     marks = []
