@@ -79,7 +79,36 @@ def read_ground(path: Path, block: Block) -> Ground:
     stated = re.search(r"(?im)^#\s*CoordinateSystem:\s*(\S.*)", head)
     if crs is None and stated and not stated[1].upper().startswith("LOCAL"):
         crs = known_crs(stated[1].strip()).to_wkt()
+    if crs is None and (beside := system_beside(path)) is not None:
+        crs = beside[1]
+        found.notes.append(f"the system of {path.name} was read from {beside[0].name}: {beside[2]}")
     return Ground(path, crs, found.table, marks, found.notes, found.unit)
+
+
+def system_beside(path: Path) -> tuple[Path, str, str] | None:
+    """The .prj of a table or of a folder: its file, the system (an EPSG code, else its text), and
+    what a person calls it. None without one; a .prj of a grid or of degrees alone is one.
+
+    Raises InputError where it names no system.
+    """
+    files = [path.with_suffix(end) for end in (".prj", ".PRJ")]
+    if path.is_dir():
+        files = sorted(file for file in path.iterdir() if file.suffix.lower() == ".prj")
+        files = files if len(files) == 1 else []
+    file = next((file for file in files if file.is_file()), None)
+    text = opening(file, 20_000).strip() if file else ""
+    if not text:
+        return None
+    try:
+        system = known_crs(text)
+    except InputError:
+        raise InputError(
+            f"{file.name} names no coordinate system that is known; delete it, or give its code "
+            "with --ground-crs"
+        ) from None
+    code = system.to_epsg(70)
+    named = f"{system.name} (EPSG:{code})" if code else system.name
+    return file, f"EPSG:{code}" if code else text, named
 
 
 def is_gcp_list(head: str) -> bool:
