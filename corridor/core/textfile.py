@@ -369,6 +369,10 @@ class Xml:
     def parse(cls, data: bytes, path: Path) -> Xml:
         """Root of XML in memory; path: for the sentence."""
         # Nobody's project needs entities of its own; in a damaged file they expand without end.
+        if data.startswith(UTF16) and b"e\0n\0c\0o\0d\0i\0n\0g\0" in data[:400]:
+            # Saved again by an editor: the text still states the encoding that it had.
+            text = data.decode("utf-16", errors="replace")
+            data = re.sub(r"\A<\?xml.*?\?>", "", text, flags=re.DOTALL).encode()
         if b"<!ENTITY" in data:
             raise InputError(f"{path.name} defines XML entities; export the project again")
         try:

@@ -31,6 +31,7 @@ _XYZ = ["x", "y", "z"]
 _ALIKE = 0.05
 # What begins a line that says nothing, in the lists that programs and people write.
 _COMMENTS = ("#", "%", ";", "//")
+_PICTURE = re.compile(r"(?i)\.(jpe?g|tiff?|png|dng)$")
 _UTM = re.compile(r"(?i)WGS84\s+UTM\s+(\d{1,2})\s*([NS])")
 
 
@@ -162,6 +163,11 @@ def read_gcp_list(path: Path) -> Ground:
         if len(words) == 5 and not says_number(words[4]):
             # x y column row image: a point without height
             words = [*words[:2], "0", *words[2:]]
+        if len(words) > 2 and not says_number(words[0]) and _PICTURE.search(words[0]):
+            raise line.wrong(
+                f"it lists photographs ({words[0]}) and where they were taken, as a geo.txt: that "
+                "is no ground point; leave it out"
+            )
         if len(words) < 6:
             line.numbers(words[:5], "a coordinate")
             raise line.wrong(

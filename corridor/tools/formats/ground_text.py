@@ -38,9 +38,11 @@ _WORDS = {
     "sz": "sz sup sv",
     "sxy": "sxy hprec hrms horzacc",
     "role": "role use",
+    # Roles only where all of its cells are.
+    "type": "type kind",
     # What a surveyor adds and no adjustment needs.
-    "": "description desc d code codes comment comments note notes remark remarks date time type "
-    "kind enabled feature photo",
+    "": "description desc d code codes comment comments note notes remark remarks date time "
+    "enabled feature photo",
 }
 _COLUMN = {word: column for column, words in _WORDS.items() for word in words.split()}
 # What a receiver's program writes beside such a word, and it stays the same column.
@@ -152,7 +154,9 @@ def _with_points(path, rows, columns, separator, notes):
 
     Commas in numbers and between cells cannot be told apart: whoever wrote them has more cells.
     """
-    at = [k for k, column in enumerate(columns) if column and column not in ("point", "role")]
+    at = [
+        k for k, column in enumerate(columns) if column and column not in ("point", "role", "type")
+    ]
     wide = all(len(row) >= len(columns) + len(at) for _, row in rows)
     if separator == "," and wide and not any("." in cell for _, row in rows for cell in row):
         raise rows[0][0].wrong(_BOTH)
@@ -360,6 +364,8 @@ def _table(rows, columns, headed, notes, exact) -> Table:
         places.append([_coordinate(line, cells[at[key]], key) for key in keys])
         sigmas.append(_sigmas(line, {key: _cell(cells, at[key]) for key in sigma_keys}, exact))
         roles.append(_role(line, _cell(cells, at["role"])) if "role" in at else "control")
+    if "role" not in at and "type" in at:
+        roles = _roles_of_type([_cell(cells, at["type"]) for _, cells in rows], notes) or roles
     table = ground_table(names, np.array(places), np.array(sigmas), roles)
     return Table(table, GEOGRAPHIC if geographic else None, notes)
 
@@ -403,6 +409,18 @@ def _role(line: Line, cell: str) -> str:
         near = did_you_mean(cell.lower(), ROLES)
         raise line.wrong(f"role {cell!r} is unknown{near}; write one of {', '.join(ROLES)}")
     return role
+
+
+def _roles_of_type(cells: list[str], notes: list[str]) -> list[str] | None:
+    """Roles from a column of types, where all of them are some; None elsewhere.
+
+    CP beside GCP is a check point.
+    """
+    found = ["check" if _word(cell) == "cp" else role_of(cell) for cell in cells]
+    if None in found or "check" not in found or "control" not in found:
+        return None
+    notes.append(f"types were read as roles: {found.count('check')} check points")
+    return [role for role in found if role]
 
 
 def role_of(text: str) -> str | None:
