@@ -463,4 +463,9 @@ TRIES = (
     Try("382", "check {w}/own/images.csv -o {o}/c", 2, "a file of a block: name its folder"),
     Try("383", "check {w}/own -o {o}/c --required 2cm", 2, "not an accuracy in metres"),
     Try("384", "check {w}/own -o {w}/own", 2, "name a new folder"),
+    Try("385", _ANY % "pix4d/s_tp_bingo.txt", 2, "part of a project of pix4d: name its folder"),
+    Try("386", _ANY % "opensfm/reference_lla.json", 2, "part of a project of opensfm"),
+    Try("387", _ANY % "bundler/list.txt", 2, "part of a project of bundler"),
+    Try("388", _GROUND % "p4_cp.csv", 0, "types CP were not read"),
+    Try("389", _GROUND % "semicolons_mixed.csv", 2, "a decimal comma, and .* a decimal point"),
 )

@@ -97,6 +97,10 @@ def _pix4d(home: Path) -> None:
     _lines(home / "ground" / "p4_yxz.csv", "Label,Y,X,Z,Accuracy Horz [m],Accuracy Vert [m]", *yxz)
     checks = [f"{p},{x},{y},{z},{'CP' if k > 3 else 'GCP'}" for k, (p, x, y, z) in enumerate(rows)]
     _lines(home / "ground" / "p4_types.csv", "Label,X,Y,Z,Type", *checks)
+    only = [line.replace(",GCP", ",CP") for line in checks]
+    _lines(home / "ground" / "p4_cp.csv", "Label,X,Y,Z,Type", *only)
+    mixed = [f"{p};{x.replace('.', ',')};{y};{z}" for p, x, y, z in rows]
+    _lines(home / "ground" / "semicolons_mixed.csv", *mixed)
     _lines(home / "ground" / "sep.csv", "sep=;", "Name;E;N;H", *(";".join(row) for row in rows))
     empty = [f"{p},,,," if p == "GCP3" else ",".join((p, x, y, z)) for p, x, y, z in rows]
     _lines(home / "ground" / "row_empty.csv", "Name,E,N,H", *empty)

@@ -418,6 +418,11 @@ def _roles_of_type(cells: list[str], notes: list[str]) -> list[str] | None:
     """
     found = ["check" if _word(cell) == "cp" else role_of(cell) for cell in cells]
     if None in found or "check" not in found or "control" not in found:
+        if any(_word(cell) == "cp" for cell in cells):
+            notes.append(
+                "types CP were not read: they may be control or check points; call the column role, "
+                "with control or check in it"
+            )
         return None
     notes.append(f"types were read as roles: {found.count('check')} check points")
     return [role for role in found if role]

@@ -15,7 +15,7 @@ from corridor.tools.formats.control import placed_by_own
 from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.programs import candidates, formats
 from corridor.tools.formats.project import Project, near_origin
-from corridor.tools.formats.strange import strange
+from corridor.tools.formats.strange import TEXT, strange
 
 # A few bad matches lie outside their picture.
 _MOST_OUTSIDE = 0.02
@@ -133,6 +133,9 @@ def _found(path: Path) -> tuple[str, Path, list[str]]:
     if not found:
         known = ", ".join(formats())
         named = strange(path)
+        whole = candidates(path.parent) if path.is_file() else []
+        if (not named or named == TEXT) and (whole and whole[0][1] == path.parent):
+            named = f"a part of a project of {whole[0][0]}: name its folder, {path.parent}"
         if named:
             raise InputError(f"{path} is {named}")
         raise InputError(

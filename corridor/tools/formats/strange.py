@@ -69,7 +69,7 @@ _TABLE = (
     "a table of positions of photographs, without measurements in them: name a project with tie "
     "points, or the folder of the photographs, as `corridor import photos FOLDER`"
 )
-_TEXT = (
+TEXT = (
     "a list of image coordinates (PATB, BINGO), which says neither unit nor angles: write "
     'convention.toml beside it (page "Check a project")'
 )
@@ -125,7 +125,7 @@ def _of_text(path: Path) -> str:
     if head.startswith("$PROJECT"):
         return _INPHO
     if re.search(r"(?m)^\s*-99\s*$", head):
-        return _TEXT
+        return TEXT
     row = _PICTURE.search(head)
     cells = re.split(r"[,;\s]+", row[1].strip()) if row else []
     if len(cells) > 2 and all(map(_NUMBER.fullmatch, cells[:3])):
