@@ -420,8 +420,8 @@ def _roles_of_type(cells: list[str], notes: list[str]) -> list[str] | None:
     if None in found or "check" not in found or "control" not in found:
         if any(_word(cell) == "cp" for cell in cells):
             notes.append(
-                "types CP were not read: they may be control or check points; call the column role, "
-                "with control or check in it"
+                "types CP were not read: they may be control or check points; call the column "
+                "role, with control or check in it"
             )
         return None
     notes.append(f"types were read as roles: {found.count('check')} check points")
