@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from corridor.core import registry
-from corridor.core.textfile import with_point
 
 # So many files are named one by one; what somebody is to read is named last.
 _MOST_FILES = 6
@@ -27,6 +26,8 @@ def checked(of: Callable, holds: Callable[..., bool], wrong: str) -> Callable[[s
             found = of(text)
             if holds(found):
                 return found
+        from corridor.core.textfile import with_point  # which loads NumPy: help does without
+
         if with_point(text) != text:
             wrote = f"{text!r} has a decimal comma; write {with_point(text)}"
             raise argparse.ArgumentTypeError(wrote)
