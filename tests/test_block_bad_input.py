@@ -40,8 +40,8 @@ SPOILT = {
     "no cameras column": (
         "images.csv", "image,camera,", "image,kamera,", ["images.csv, row 1", "camera is missing"],
     ),
-    "semicolons": (
-        "marks.csv", ",", ";", ["marks.csv, row 1", "not separated by commas"],
+    "decimal points beside commas": (
+        "gnss.csv", "007,0.1,", '007,"0,1",', ["gnss.csv, line 2", "'0,1' has a decimal comma"],
     ),
     "a column twice": ("gnss.csv", "sx,sy", "sx,sx", ["gnss.csv, row 1", "sx is there twice"]),
     "a column without a name": (
@@ -77,8 +77,8 @@ SPOILT = {
         "points.csv", "01,10,0,0", "01,10,1e999,0", ["points.csv, row 3", "y = '1e999'"],
     ),
     "text": ("ground.csv", "G1,1,2", "G1,abc,2", ["ground.csv, row 2", "x = 'abc'"]),
-    "decimal comma in quotes": (
-        "gnss.csv", "007,0.1", '007,"0,1"', ["gnss.csv, row 2", "x = '0,1'", "decimal point"],
+    "a comma that may be one of thousands": (
+        "marks.csv", "G1,i2,300", 'G1,i2,"3,000"', ["marks.csv, line 3", "'3,000' may", "3000"],
     ),
     "decimal comma without quotes": (
         "marks.csv", "G1,i2,300", "G1,i2,300,5",

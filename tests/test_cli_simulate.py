@@ -192,6 +192,12 @@ def test_times_in_milliseconds_are_refused(plan, tmp_path, capsys):
     assert "25 ms are 0.025" in capsys.readouterr().err
 
 
+def test_a_length_that_leads_off_the_earth_is_refused(plan, tmp_path, capsys):
+    words = ["simulate", str(plan), "--effect", "gnss_bias:z=1e12"]
+    assert main([*words, "-o", str(tmp_path / "b")]) == 2
+    assert "farther than the middle of the Earth" in capsys.readouterr().err
+
+
 def test_an_interior_moved_by_a_whole_focal_length_is_refused(plan, tmp_path, capsys):
     words = ["simulate", str(plan), "--effect", "focal:f=-100000"]
     assert main([*words, "-o", str(tmp_path / "b")]) == 2

@@ -14,7 +14,7 @@ import re
 import tomllib
 import warnings
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from itertools import islice
 from pathlib import Path
 from typing import BinaryIO, TypeGuard
@@ -25,6 +25,10 @@ import numpy as np
 from corridor.core.errors import CorridorWarning, InputError
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
+# 5,25 and 467.124,409; 31,958, which may be of thousands; 5.25 and 467,124.409.
+_COMMA = re.compile(r"[+-]?(\d*,\d+([eE][+-]?\d+)?|\d{1,3}([.'’ \xa0\u202f]\d{3})+,\d+)")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
+_POINT = re.compile(r"[+-]?(\d*\.\d+([eE][+-]?\d+)?|\d{1,3}((,\d{3})+\.\d*|(,\d{3}){2,}))")
 # 1.5D+03, as programs in Fortran print it.
 _FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d+$)")
 # Bytes that are no UTF-8, and what they are in no word.
@@ -59,6 +63,44 @@ def number(text: str, path: Path, line: int, what: str, count: str = "line") -> 
     raise InputError(
         f"{place} is not a {kind}; correct or delete the {count}, or export the file again"
     )
+
+
+def decimal_commas(path: Path, cells: Iterable[tuple[int, str]], sure: bool = False) -> bool:
+    """Whether the numbers of a table have decimal commas; cells: of numbers, with their lines.
+
+    sure: semicolons stand between the cells, as they do for no other reason. Raises InputError
+    where commas may be those of thousands, or stand beside decimal points.
+    """
+    comma = maybe = point = None
+    for line, cell in cells:
+        if _THOUSANDS.fullmatch(cell) and not sure:
+            maybe = maybe or (line, cell)
+        elif _COMMA.fullmatch(cell):
+            comma = comma or (line, cell)
+        elif _POINT.fullmatch(cell):
+            point = point or (line, cell)
+    found = comma or maybe
+    if found is None or (comma is None and point is not None and "," in point[1]):
+        return False
+    remedy = "write all numbers with a decimal point"
+    if point is not None:
+        raise InputError(
+            f"{path.name}, line {found[0]}: {found[1]!r} has a decimal comma, and {point[1]!r} in "
+            f"line {point[0]} a decimal point; {remedy}"
+        )
+    if comma is None:
+        raise InputError(
+            f"{path.name}, line {found[0]}: {found[1]!r} may have a decimal comma or be "
+            f"{found[1].replace(',', '')}; {remedy}"
+        )
+    return True
+
+
+def with_point(cell: str) -> str:
+    """A number with a decimal comma as one with a decimal point; any other text as it is."""
+    if not _COMMA.fullmatch(cell):
+        return cell
+    return re.sub(r"[^\d,eE+-]", "", cell).replace(",", ".")
 
 
 def numbers(words: list[str], path: Path, line: int, what: str) -> np.ndarray:
@@ -248,6 +290,13 @@ def read_toml(path: Path) -> dict:
     except UnicodeDecodeError:
         raise InputError(f"{path} is not UTF-8: save it as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
+        text = path.read_text(encoding="utf-8-sig")
+        comma = re.search(r"(?m)^[^#\"'\n]*?[=\[\s]([+-]?0,\d+|(?<==)\s*[+-]?\d+,\d+)", text)
+        if comma:
+            line, found = text.count("\n", 0, comma.start(1)) + 1, comma[1].strip()
+            raise InputError(
+                f"{path}, line {line}: {found!r} has a decimal comma; write {with_point(found)}"
+            ) from None
         raise InputError(f"{path} is not valid TOML ({error}): correct it") from None
 
 
@@ -320,6 +369,10 @@ class Xml:
     def parse(cls, data: bytes, path: Path) -> Xml:
         """Root of XML in memory; path: for the sentence."""
         # Nobody's project needs entities of its own; in a damaged file they expand without end.
+        if data.startswith(UTF16) and b"e\0n\0c\0o\0d\0i\0n\0g\0" in data[:400]:
+            # Saved again by an editor: the text still states the encoding that it had.
+            text = data.decode("utf-16", errors="replace")
+            data = re.sub(r"\A<\?xml.*?\?>", "", text, flags=re.DOTALL).encode()
         if b"<!ENTITY" in data:
             raise InputError(f"{path.name} defines XML entities; export the project again")
         try:

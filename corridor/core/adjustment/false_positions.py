@@ -92,7 +92,7 @@ def false_apart(
     silent = start.copy()
     restate(silent, rows, slice(0, 3), _SILENT)
     apart = where_it_leads(from_where_it_ended, result, silent, model, again)
-    if apart is None:
+    if apart is None or len(apart.residuals["gnss"]) != len(lone):
         return result
     table = apart.residuals["gnss"]
     miss = table.loc[false, ["vx", "vy", "vz"]].to_numpy()
@@ -157,7 +157,8 @@ def _concentrated_from(
         out = start.gnss["image"].astype(str).isin(set(names[~best])).to_numpy()
         restate(start, out, slice(0, 3), _SILENT)
         later = where_it_leads(from_where_it_ended, found, start, result.problem.model, again)
-        if later is None:
+        # Images that were left out on the way took their positions with them.
+        if later is None or len(later.residuals["gnss"]) != len(names):
             return ~best, np.inf
         found = later
         length = lengths(found, sigma)

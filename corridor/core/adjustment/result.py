@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -21,6 +21,9 @@ from corridor.core.adjustment.warnings import warnings_of
 from corridor.core.block import Block
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.output import with_units
+
+if TYPE_CHECKING:
+    from corridor.core.adjustment.along import PrecisionAlong
 
 Again = Callable[..., "Adjustment"]
 
@@ -161,6 +164,18 @@ class Adjustment(Tables):
         sound = sound[size > 0] if datum is None else sound
         carrying = chosen(np.asarray(names)[rows], datum, sound)
         return InDatum.of_points(self.covariance, rows, carrying, scale)
+
+    def precision_along(
+        self, corners: np.ndarray, required: float | None = None
+    ) -> "PrecisionAlong":
+        """How precise the ground is along a line (n, 2), m, or at one place; `print` tells it.
+
+        required: standard deviation that is good enough, m.
+        See `corridor.core.adjustment.along.precision_along`.
+        """
+        from corridor.core.adjustment.along import precision_along
+
+        return precision_along(self, corners, required)
 
     @cached_property
     def variance_components(self) -> pd.DataFrame:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import os
+import warnings
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
@@ -18,13 +19,14 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.block.tables import LAYOUTS, NAMES, Layout, categorical, missing_columns, pa, pc
-from corridor.core.errors import InputError
-from corridor.core.textfile import check_growth, lines
+from corridor.core.errors import CorridorWarning, InputError
+from corridor.core.textfile import check_growth, decimal_commas, lines, with_point
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
 
 _NUMBER = r"^\s*[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?\s*$"
+_MARKS = {",": "", ";": "semicolons", "\t": "tabs"}
 _UNNAMED = "\0unnamed "
 # A measured row takes more than a byte, however it is packed; fewer rows fill no memory.
 _FEW_ROWS = 1_000_000
@@ -105,19 +107,47 @@ def _coded(column: pa.ChunkedArray) -> pd.Series:
 # --- .csv ------------------------------------------------------------------------------------
 
 
-class _NotUtf8(InputError):
-    """A table whose text is not UTF-8."""
+class _Otherwise(InputError):
+    """A table whose text is not UTF-8, whose cells are not separated by commas, or whose numbers
+    have decimal commas."""
 
 
 def _read_csv(path: Path, layout: Layout) -> pd.DataFrame:
-    """The table of a file, also of one that Excel saved in the code page of its computer."""
+    """The table of a file, also of one that Excel saved as its computer's language has it."""
     try:
         return _read_utf8(path, layout)
-    except _NotUtf8:
+    except _Otherwise:
         with TemporaryDirectory() as home:
             copy = Path(home) / path.name
-            copy.write_text("\n".join(line.text for line in lines(path)), encoding="utf-8")
+            _rewrite(path, copy, layout)
             return _read_utf8(copy, layout)
+
+
+def _rewrite(path: Path, copy: Path, layout: Layout) -> None:
+    """The table in UTF-8, comma separated, with decimal points, every row in its line."""
+    texts = [line.text for line in lines(path)]
+    header = next((text for text in texts if text.strip()), "")
+    mark = next((mark for mark in _MARKS if mark in header), ",")
+    reader = csv.reader([f"{text}\n" for text in texts], delimiter=mark)
+    try:
+        rows = [(reader.line_num, row) for row in reader]
+    except csv.Error as error:
+        raise _not_a_table(path, 0, error) from None
+    names = next(([name.strip() for name in row] for _, row in rows if row), [])
+    at = [k for k, name in enumerate(names) if name in layout.numbers]
+    cells = ((line, row[k].strip()) for line, row in rows[1:] for k in at if k < len(row))
+    commas = decimal_commas(path, cells, sure=mark == ";")
+    for _, row in rows[1:] if commas else ():
+        for k in at:
+            row[k : k + 1] = [with_point(cell.strip()) for cell in row[k : k + 1]]
+    told = [f"{word} between the cells" for word in (_MARKS[mark],) if word]
+    if commas:
+        told.append("decimal commas")
+    if told:
+        sentence = f"{path.name} was read with {' and '.join(told)}"
+        warnings.warn(sentence, CorridorWarning, stacklevel=2)
+    with copy.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(row for _, row in rows)
 
 
 def _read_utf8(path: Path, layout: Layout) -> pd.DataFrame:
@@ -182,7 +212,7 @@ def _check_names(path: Path, layout: Layout, names: list[str], where: str) -> No
     missing = [name for name in layout.needed if name not in names]
     if missing:
         if len(names) == 1 and any(mark in names[0] for mark in ";\t"):
-            raise InputError(
+            raise _Otherwise(
                 f"{where}: the cells are not separated by commas; save the file comma separated, "
                 "with decimal points"
             )
@@ -261,7 +291,8 @@ def _not_a_number(path: Path, layout: Layout, name: str, value: str, row: int) -
         remedy = "write a number with a decimal point, or delete the row"
     else:
         remedy = "write a number with a decimal point, or leave the cell empty if it is unknown"
-    return InputError(f"{place(path, row)}: {name} = {value!r} is not a number; {remedy}")
+    kind = _Otherwise if "," in value and with_point(value) != value else InputError
+    return kind(f"{place(path, row)}: {name} = {value!r} is not a number; {remedy}")
 
 
 def _not_a_table(path: Path, width: int, error: Exception) -> InputError:
@@ -285,7 +316,7 @@ def _not_a_table(path: Path, width: int, error: Exception) -> InputError:
 
 
 def _not_utf8(path: Path) -> InputError:
-    return _NotUtf8(f"{path.name}: the text is not UTF-8; save the file as UTF-8")
+    return _Otherwise(f"{path.name}: the text is not UTF-8; save the file as UTF-8")
 
 
 def _rows(path: Path):

@@ -26,6 +26,11 @@ def checked(of: Callable, holds: Callable[..., bool], wrong: str) -> Callable[[s
             found = of(text)
             if holds(found):
                 return found
+        from corridor.core.textfile import with_point  # which loads NumPy: help does without
+
+        if with_point(text) != text:
+            wrote = f"{text!r} has a decimal comma; write {with_point(text)}"
+            raise argparse.ArgumentTypeError(wrote)
         raise argparse.ArgumentTypeError(f"{text!r} {wrong}")
 
     return value

@@ -15,6 +15,8 @@ from corridor.core.preparation import rates_from_neighbours, velocities
 
 # A time so many times as long as one would expect was typed in milliseconds.
 _MILLISECONDS = 100.0
+# The equator's radius: WGS 84.
+_EARTH_M = 6_378_137.0
 
 
 def correct(
@@ -76,6 +78,11 @@ def refuse_impossible(block: Block, given: Mapping, stated: Values) -> None:
                 raise InputError(
                     f"{slug}: {parameter.name} = {value:g} px is added to what the camera states, "
                     f"whose focal length is {shortest:g} px: give the difference"
+                )
+            if parameter.unit == "m" and abs(value) > _EARTH_M:
+                raise InputError(
+                    f"{slug}: {parameter.name} = {value:g} is in metres, and farther than the "
+                    "middle of the Earth: correct it"
                 )
             if parameter.unit == "s" and abs(value) > _MILLISECONDS * parameter.scale:
                 raise InputError(

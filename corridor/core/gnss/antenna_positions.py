@@ -13,7 +13,7 @@ from corridor.core.brief import brief
 from corridor.core.errors import InputError, WorkFailed
 from corridor.core.geometry import robust_scale
 from corridor.core.gnss.alignment import align
-from corridor.core.gnss.coordinates import Local, known_crs, to_local
+from corridor.core.gnss.coordinates import Local, known_crs, loosely_known, to_local
 from corridor.core.gnss.exposures import Exposures
 from corridor.core.gnss.frames import FRAME, convert_within, in_metres, local_frame
 from corridor.core.gnss.interpolation import Interpolated, Interpolation, interpolate
@@ -210,6 +210,8 @@ def antenna(
     notes += _of_strays(names.to_numpy(), exposures.table, made.table["segment"].to_numpy())
     notes += tuple(filter(None, (exposures.too_near(), exposures.out_of_order())))
     notes += (*_of_resolution(exposures, made), *_of_standing(made))
+    if crs is not None and local.origin is not None:
+        notes += tuple(filter(None, [loosely_known(*local.origin[1::-1], crs, GEOGRAPHIC)]))
     degrees = crs is not None and known_crs(crs).is_geographic
     turned = None
     if stated(track) and not degrees:

@@ -8,8 +8,10 @@ then no error, because nothing is flattened.
 from __future__ import annotations
 
 import warnings
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING
 
@@ -23,6 +25,15 @@ from corridor.core.gnss.track import GEOCENTRIC, GEOGRAPHIC, Track
 if TYPE_CHECKING:
     import pyproj
 
+# Grids of PROJ's database between a height system and ellipsoids, the newest datum first.
+_HEIGHTS = """
+    SELECT crs.name, grids.proj_grid_name FROM grid_transformation AS way
+    JOIN geodetic_crs AS crs ON crs.auth_name = way.source_crs_auth_name
+        AND crs.code = way.source_crs_code
+    JOIN grid_alternatives AS grids ON grids.original_grid_name = way.grid_name
+    WHERE way.target_crs_auth_name = 'EPSG' AND way.target_crs_code = ? AND NOT way.deprecated
+    ORDER BY CAST(crs.code AS INTEGER) DESC
+"""
 _SIGMAS = (("sx", "sy", "sz"), ("svx", "svy", "svz"))
 
 
@@ -186,68 +197,127 @@ def _no_way(points: np.ndarray, source: str, target: str) -> str:
     outside = outside_area(points, source)
     if outside:
         return outside
-    grids = _missing_grids(source, target)
+    x, y = np.median(points[:, :2], axis=0)
+    place = lon_lat(x, y, known_crs(source))
+    grids = _missing_grids(source, target, place)
     named, other = (_called(crs) for crs in (source, target))
+    high = [system for system in map(known_crs, (source, target)) if system.is_compound]
     if grids:
-        files = " ".join(f"--file {grid.removesuffix('.tif')}" for grid in grids)
         needs = other if known_crs(target).is_compound else named
         return (
-            f"{needs} needs {' and '.join(grids)}, which is not installed: `pyproj sync {files}` "
-            "fetches it; or give heights above the ellipsoid in a system without a vertical part"
+            f"{needs} needs {' and '.join(grids)}, which {'is' if len(grids) < 2 else 'are'} not "
+            f"installed: {_fetched(grids, 'it' if len(grids) < 2 else 'them')}"
+            + "; or give heights above the ellipsoid in a system without a vertical part"
+            * bool(high)
         )
-    if known_crs(source).is_compound or known_crs(target).is_compound:
+    if high:
         heights = named if known_crs(source).is_compound else other
         return (
-            f"PROJ knows no way between the heights of {heights} and the ellipsoid: give them "
-            "above the ellipsoid, in a system without a vertical part"
+            f"PROJ knows no way between the heights of {heights} and the ellipsoid"
+            f"{_other_datums(high[0])}: give them above the ellipsoid, in a system without a "
+            "vertical part"
         )
     return (
         f"no exact transformation from {named} to {other} is known: PROJ would be off by tens of "
-        "metres; write the system by its EPSG code, which states its datum"
+        "metres; give the coordinates in a system of the other's datum, as the survey authority's "
+        "program converts them"
     )
 
 
 def loosely_known(lon: float, lat: float, source: str, target: str) -> str:
-    """A sentence where the datums of two systems are joined to more than a metre; empty elsewhere.
+    """A sentence where the datums of two systems are joined to more than a metre, or a grid that is
+    not installed joins them better; empty elsewhere.
 
     lon, lat: degrees, of the place. EPSG states 1 m between datums that are taken as one.
     """
     from pyproj.exceptions import ProjError
 
     systems = map(known_crs, (source, target))
-    one, other = (s.sub_crs_list[0] if s.is_compound else s for s in systems)
+    levels = (s.sub_crs_list[0] if s.is_compound else s for s in systems)
+    one, other = ((level.geodetic_crs or level).to_wkt() for level in levels)
     try:
-        way = _between(*((system.geodetic_crs or system).to_wkt() for system in (one, other)))
+        way = _between(one, other)
         way.transform(lon, lat, 0.0)
-        known_m = way.accuracy if way.accuracy >= 0 else way.get_last_used_operation().accuracy
-    except ProjError:  # no step, or told where points are converted
+    except ProjError:  # told where points are converted
         return ""
-    if not known_m > 1.0:
+    known_m = way.accuracy
+    if known_m < 0:
+        try:
+            known_m = way.get_last_used_operation().accuracy
+        except ProjError:  # a way without a step
+            known_m = 0.0 if one == other else 1.0
+    grids = _missing_grids(one, other, (lon, lat), known_m)
+    if not known_m > 1.0 and not grids:
         return ""
     names = ("WGS 84" if crs == GEOGRAPHIC else _called(crs) for crs in (source, target))
-    files = " ".join(f"--file {g.removesuffix('.tif')}" for g in _missing_grids(source, target))
     return (
         f"PROJ knows the way between {' and '.join(names)} to {known_m:g} m only: what GNSS and "
         "what the surveyor gave may lie as far apart"
-        + (f"; `pyproj sync {files}` fetches what says it better" if files else "")
+        + (f"; {_fetched(grids, 'what joins them better')}" if grids else "")
     )
 
 
-@lru_cache(maxsize=32)
-def _missing_grids(source: str, target: str) -> tuple[str, ...]:
-    """Files that PROJ's best way from one system to the other needs and has not; it looks long."""
-    from pyproj.transformer import TransformerGroup
+def _fetched(grids: tuple[str, ...], what: str) -> str:
+    """How grids are had: those of the network of PROJ by its command, others from their makers."""
+    own = [grid for grid in grids if ".tif" not in grid]
+    if own:
+        return (
+            f"{' and '.join(own)} of the survey authority joins them better, in the folder that "
+            "`pyproj -v` names"
+        )
+    files = " ".join(f"--file {grid.removesuffix('.tif')}" for grid in grids)
+    return f"`pyproj sync {files}` fetches {what}"
 
+
+@lru_cache(maxsize=32)
+def _missing_grids(
+    source: str,
+    target: str,
+    place: tuple[float, float] | None = None,
+    within_m: float = np.inf,
+) -> tuple[str, ...]:
+    """Files that PROJ's best way from one system to the other needs and has not; it looks long.
+
+    place: longitude, latitude, degrees; a way is one for a part of the Earth. within_m: how well
+    the way has to be known.
+    """
+    from pyproj.transformer import AreaOfInterest, TransformerGroup
+
+    area = None
+    if place is not None and np.isfinite(place).all():
+        lon, lat = (place[0] + 180) % 360 - 180, place[1]
+        area = AreaOfInterest(lon - 0.01, lat - 0.01, lon + 0.01, lat + 0.01)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         try:
             group = TransformerGroup(
-                known_crs(source), known_crs(target), always_xy=True, allow_ballpark=False
+                known_crs(source),
+                known_crs(target),
+                always_xy=True,
+                allow_ballpark=False,
+                area_of_interest=area,
             )
         except RuntimeError:
             return ()
-    first = group.unavailable_operations[:1]
-    return tuple(g.short_name for one in first for g in one.grids if not g.available)
+    good = (one for one in group.unavailable_operations if one.accuracy <= within_m)
+    first = next(good, None)
+    return tuple(g.short_name for g in first.grids if not g.available) if first else ()
+
+
+def _other_datums(system: pyproj.CRS) -> str:
+    """By which grids PROJ joins the heights of a compound system to the ellipsoids of other datums;
+    empty where it has none."""
+    import sqlite3
+
+    import pyproj
+
+    code = system.sub_crs_list[1].to_authority("EPSG", 100)
+    try:
+        with closing(sqlite3.connect(Path(pyproj.datadir.get_data_dir()) / "proj.db")) as data:
+            rows = data.execute(_HEIGHTS, (code[1] if code else "",)).fetchall()
+    except sqlite3.Error:
+        return ""
+    return f" (it does for {rows[0][0]}, with {rows[0][1]})" if rows else ""
 
 
 # Zones of UTM are used far beyond their borders: zone 32 for all of Bavaria, to 14 degrees east,

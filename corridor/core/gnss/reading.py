@@ -128,6 +128,13 @@ def _read(path: Path) -> Track | Exposures:
                 f"{path.name} holds {what}, no positions; process it (RTKLIB, Emlid Studio, "
                 "GrafNav) and give the result, such as a .pos and its _events.pos"
             )
+    points = re.sub(r"(?<=\d),(?=\d)", ".", head)
+    named = next((module for module in _formats() if module.recognise(points)), None)
+    if named is not None:
+        raise InputError(
+            f"{path.name} looks like {named.TITLE}, with decimal commas; write numbers with a "
+            "decimal point, or export it again"
+        )
     if "POSPAC" in head.upper() or "SBET" in head.upper():
         raise InputError(f"{path.name} is {_SBET}")
     titles = ", ".join(module.TITLE for module in _formats())

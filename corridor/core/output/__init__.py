@@ -26,6 +26,7 @@ from corridor.core.output.files import (
 )
 from corridor.core.output.gis import LOCAL_CRS, Layer, check_gis, write_geopackage, write_las
 from corridor.core.output.json import json_text, plain
+from corridor.core.output.letters import CODED, NOTE, printable
 from corridor.core.output.numbers import (
     DASH,
     coefficient,

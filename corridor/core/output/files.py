@@ -14,7 +14,6 @@ import re
 import shutil
 import time
 import uuid
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -25,6 +24,7 @@ from pandas.api.types import is_numeric_dtype
 
 from corridor.core.errors import InputError
 from corridor.core.output.json import json_text
+from corridor.core.output.letters import CODED, NOTE, printable
 from corridor.core.output.units import named_with_units
 
 # The smallest result has a table and a picture.
@@ -216,19 +216,39 @@ def png(figure, dpi: float = 144) -> bytes:
     if not isinstance(canvas, FigureCanvasAgg):
         canvas = FigureCanvasAgg(figure)
     before, stream = figure.dpi, io.BytesIO()
+    _write_printably(figure)
     # `savefig` would draw twice what matplotlib lays out, and pack an opacity that is one.
-    with warnings.catch_warnings():
-        # A name in letters that the font lacks shows as boxes; a warning tells nobody more.
-        warnings.filterwarnings("ignore", message=r"Glyph \d+ .*missing from")
-        try:
-            figure.dpi = dpi
-            canvas.draw()
-            size, pixels = canvas.get_width_height(), canvas.buffer_rgba()
-            picture = Image.frombuffer("RGBA", size, pixels, "raw", "RGBA", 0, 1)
-            picture.convert("RGB").save(stream, format="png", compress_level=4)
-        finally:
-            figure.dpi = before
+    try:
+        figure.dpi = dpi
+        canvas.draw()
+        size, pixels = canvas.get_width_height(), canvas.buffer_rgba()
+        picture = Image.frombuffer("RGBA", size, pixels, "raw", "RGBA", 0, 1)
+        picture.convert("RGB").save(stream, format="png", compress_level=4)
+    finally:
+        figure.dpi = before
     return stream.getvalue()
+
+
+def _write_printably(figure) -> None:
+    """Names in letters that the font lacks by their numbers, with a line that says so."""
+    from matplotlib.text import Text
+    from matplotlib.ticker import FixedLocator
+
+    coded = False
+    for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
+        if isinstance(axis.get_major_locator(), FixedLocator):
+            names = [label.get_text() for label in axis.get_ticklabels()]
+            shown = [printable(name) for name in names]
+            if shown != names:
+                axis.set_ticks(axis.get_majorticklocs(), shown)
+                coded = True
+    for text in figure.findobj(Text):
+        written = text.get_text()
+        if written != (plain := printable(written)):
+            text.set_text(plain)
+        coded |= bool(CODED.search(plain))
+    if coded:
+        figure.text(0.005, 0.002, NOTE, size=5, color="#6f6f6f", va="bottom", parse_math=False)
 
 
 def write_picture(figure, path: Path) -> bytes:

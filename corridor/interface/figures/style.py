@@ -21,7 +21,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 
-from corridor.core.output import png, short
+from corridor.core.output import png, printable, short
 
 INK = "#222222"
 QUIET = "#6f6f6f"
@@ -296,7 +296,8 @@ def name_points(axes: Axes, xy: np.ndarray, names: Sequence[str], keep_clear=Non
             above = ("center", "bottom", "top")[int(np.sign(dy))]
             look = {"size": SMALL, "color": INK, "ha": beside, "va": above, "zorder": 9}
             place = {"xytext": (dx, dy), "textcoords": "offset points"}
-            text = axes.annotate(short(name, 18), point, **place, **look, parse_math=False)
+            told = short(printable(str(name)), 18)
+            text = axes.annotate(told, point, **place, **look, parse_math=False)
             box = text.get_window_extent(renderer).padded(1.5)
             wide = box.padded(4.0)
             free = (

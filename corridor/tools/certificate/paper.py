@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from corridor.core.output import CODED, NOTE, printable
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -51,6 +53,8 @@ def pdf(
     sheets.lines(report.title, _HEADING, weight="bold")
     sheets.gap(5)
     sheets.lines(report.opening, _TEXT + 0.5)
+    if CODED.search(printable(report.page(()))):
+        sheets.lines(f"On these sheets {NOTE}; the page of HTML has the letters.", _NOTE)
     for warning in report.warnings:
         sheets.lines(f"! {warning}", _TEXT, indent=10)
     for number, action in enumerate(report.actions, start=1):
@@ -74,7 +78,7 @@ def pdf(
 
 def _write(figure: Figure, left: float, top: float, text: str, size: float, **look) -> None:
     place: dict[str, Any] = {"ha": "left", "va": "baseline", "parse_math": False, "color": _INK}
-    figure.text(left / WIDE, 1 - top / HIGH, text, size=size, **(place | look))
+    figure.text(left / WIDE, 1 - top / HIGH, printable(text), size=size, **(place | look))
 
 
 @lru_cache(maxsize=4096)
@@ -83,12 +87,12 @@ def _width(text: str, size: float, weight: str = "normal") -> float:
     from matplotlib.textpath import text_to_path
 
     font = FontProperties(family="DejaVu Sans", size=size, weight=weight)
-    return text_to_path.get_text_width_height_descent(text, font, False)[0]
+    return text_to_path.get_text_width_height_descent(printable(text), font, False)[0]
 
 
 def _wrapped(text: str, size: float, room: float, weight: str = "normal") -> list[str]:
     """Lines no wider than the room, by the measured width of the whole."""
-    text = text.replace("`", "")
+    text = printable(text.replace("`", ""))
     whole = _width(text, size, weight)
     if whole <= room:
         return [text]

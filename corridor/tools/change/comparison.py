@@ -6,13 +6,12 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from datetime import date
-from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from corridor.core.adjustment import Adjustment, gnss_of_metres, listed
-from corridor.core.block import Block, Layout, read_columns
+from corridor.core.adjustment import Adjustment, gnss_of_metres, listed, read_corners
+from corridor.core.block import Block
 from corridor.core.errors import InputError
 from corridor.tools.change.cores import Cores
 from corridor.tools.change.joint import Joint
@@ -115,20 +114,11 @@ class Comparison:
 
 
 def read_line(path: str | os.PathLike) -> np.ndarray:
-    """Corners (n, 2), m, of a CSV file with the columns x and y, in its order.
+    """Corners (n, 2), m, of a CSV file with the columns x and y, two or more, in its order.
 
     Raises InputError where the file is missing or is no such table.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such file; give a CSV table with x and y")
-    corners = read_columns(path, Layout(("x", "y")))[["x", "y"]].to_numpy(float)
-    wrong = np.flatnonzero(~np.isfinite(corners).all(axis=1))
-    if len(wrong):
-        raise InputError(f"{path}, row {wrong[0] + 2}: x and y have to be numbers")
-    if len(corners) < 2:
-        raise InputError(f"{path}: {len(corners)} corners do not make a line; give two or more")
-    return corners
+    return read_corners(path, least=2)
 
 
 def check_blocks(before: Block, after: Block) -> None:

@@ -129,7 +129,7 @@ def check_project(
     """
     project, output, say = Path(project), Path(output), telling(progress)
     if not project.exists():
-        raise InputError(f"{project} is not there; name the file or folder of a project")
+        registry.room("interchange").read_project(project)  # which says so
     stages = _Stages(output, _digest(project, form, added, required, diagnose, certificate))
     form = _form(project, form)
     imported = stages.get("imported")

@@ -57,6 +57,13 @@ class Seen(NamedTuple):
     missed_px: np.ndarray
 
 
+def _is_of(plane: str, crs: str) -> bool:
+    """Whether a system is the other, or its plane without the heights."""
+    one, system = known_crs(plane), known_crs(crs)
+    level = system.sub_crs_list[0] if system.is_compound and not one.is_compound else system
+    return one.equals(level, ignore_axis_order=True)
+
+
 def add_ground(
     project: Project,
     path: Path,
@@ -89,6 +96,7 @@ def add_ground(
         if crs is not None:
             # A header that counts latitude and longitude names no datum.
             same = ground.crs == GEOGRAPHIC and known_crs(crs).is_geographic
+            same = same or ground.crs is not None and _is_of(ground.crs, crs)
             if ground.crs not in (None, crs) and not same:
                 raise InputError(
                     f"its coordinates are in {ground.crs[:60]}; --ground-crs {crs} contradicts it: "

@@ -18,7 +18,7 @@ from corridor.core.block import LAYOUTS, Block, place, read_columns
 from corridor.core.errors import InputError
 from corridor.core.geometry import similarity
 from corridor.core.gnss import GEOGRAPHIC, convert, known_crs, local_of, loose_way, outside_area
-from corridor.core.textfile import Line
+from corridor.core.textfile import Line, decimal_commas, with_point
 from corridor.tools.formats.frames import height_unit
 from corridor.tools.formats.ground_text import read_text
 from corridor.tools.formats.names import Names
@@ -31,6 +31,7 @@ _XYZ = ["x", "y", "z"]
 _ALIKE = 0.05
 # What begins a line that says nothing, in the lists that programs and people write.
 _COMMENTS = ("#", "%", ";", "//")
+_PICTURE = re.compile(r"(?i)\.(jpe?g|tiff?|png|dng)$")
 _UTM = re.compile(r"(?i)WGS84\s+UTM\s+(\d{1,2})\s*([NS])")
 
 
@@ -79,7 +80,36 @@ def read_ground(path: Path, block: Block) -> Ground:
     stated = re.search(r"(?im)^#\s*CoordinateSystem:\s*(\S.*)", head)
     if crs is None and stated and not stated[1].upper().startswith("LOCAL"):
         crs = known_crs(stated[1].strip()).to_wkt()
+    if crs is None and (beside := system_beside(path)) is not None:
+        crs = beside[1]
+        found.notes.append(f"the system of {path.name} was read from {beside[0].name}: {beside[2]}")
     return Ground(path, crs, found.table, marks, found.notes, found.unit)
+
+
+def system_beside(path: Path) -> tuple[Path, str, str] | None:
+    """The .prj of a table or of a folder: its file, the system (an EPSG code, else its text), and
+    what a person calls it. None without one; a .prj of a grid or of degrees alone is one.
+
+    Raises InputError where it names no system.
+    """
+    files = [path.with_suffix(end) for end in (".prj", ".PRJ")]
+    if path.is_dir():
+        files = sorted(file for file in path.iterdir() if file.suffix.lower() == ".prj")
+        files = files if len(files) == 1 else []
+    file = next((file for file in files if file.is_file()), None)
+    text = opening(file, 20_000).strip() if file else ""
+    if not text:
+        return None
+    try:
+        system = known_crs(text)
+    except InputError:
+        raise InputError(
+            f"{file.name} names no coordinate system that is known; delete it, or give its code "
+            "with --ground-crs"
+        ) from None
+    code = system.to_epsg(70)
+    named = f"{system.name} (EPSG:{code})" if code else system.name
+    return file, f"EPSG:{code}" if code else text, named
 
 
 def is_gcp_list(head: str) -> bool:
@@ -119,28 +149,40 @@ def read_gcp_list(path: Path) -> Ground:
     Points without a name are told apart by their coordinates. (0, 0) is the centre of the first
     pixel. Feet become metres, in height too. Raises InputError naming file and line.
     """
-    rows, crs = [], None
+    rows, crs, commas, sure = [], None, [], False
     for line in filled(path, comment=_COMMENTS):
         if crs is None:
             crs = _known_system(line)
             continue
         # A name may stand in quotes, and have blanks in them.
-        text = line.text.replace(",", " ") if line.text.count(",") > 4 else line.text
+        text = line.text.replace(";", " ") if line.text.count(";") > 4 else line.text
+        spaced = [with_point(word) for word in text.split()[:5]]
+        if not all(map(says_number, spaced)) and text.count(",") > 4:
+            text = text.replace(",", " ")
         words = next(csv.reader([" ".join(text.split())], delimiter=" "))
         if len(words) == 5 and not says_number(words[4]):
             # x y column row image: a point without height
             words = [*words[:2], "0", *words[2:]]
+        if len(words) > 2 and not says_number(words[0]) and _PICTURE.search(words[0]):
+            raise line.wrong(
+                f"it lists photographs ({words[0]}) and where they were taken, as a geo.txt: that "
+                "is no ground point; leave it out"
+            )
         if len(words) < 6:
             line.numbers(words[:5], "a coordinate")
             raise line.wrong(
                 f"{len(words)} words where x y z column row image [name] belong; separate them by "
                 "blanks"
             )
+        commas += [(line.at, word) for word in words[:5]]
+        sure = sure or text is not line.text and ";" in line.text
+        words[:5] = map(with_point, words[:5])
         place = line.numbers(words[:3], "a coordinate")
         pixel = line.numbers(words[3:5], "a pixel")
         rows.append((tuple(place), tuple(pixel), words[5], words[6] if len(words) > 6 else None))
     if crs is None or not rows:
         raise InputError(f"{path.name} holds no ground point; write one a line")
+    decimal_commas(path, commas, sure)
     places: dict[str, tuple] = {}
     unnamed: dict[tuple, str] = {}
     marks = []

@@ -16,7 +16,7 @@ import pandas as pd
 from corridor.core.block import ROLES, SIGMAS
 from corridor.core.errors import InputError, did_you_mean
 from corridor.core.gnss import GEOGRAPHIC, degrees
-from corridor.core.textfile import Line
+from corridor.core.textfile import Line, decimal_commas, with_point
 from corridor.tools.formats.project import ground_table
 from corridor.tools.formats.textfile import filled
 
@@ -38,9 +38,11 @@ _WORDS = {
     "sz": "sz sup sv",
     "sxy": "sxy hprec hrms horzacc",
     "role": "role use",
+    # Roles only where all of its cells are.
+    "type": "type kind",
     # What a surveyor adds and no adjustment needs.
-    "": "description desc d code codes comment comments note notes remark remarks date time type "
-    "kind enabled feature photo",
+    "": "description desc d code codes comment comments note notes remark remarks date time "
+    "enabled feature photo",
 }
 _COLUMN = {word: column for column, words in _WORDS.items() for word in words.split()}
 # What a receiver's program writes beside such a word, and it stays the same column.
@@ -65,6 +67,10 @@ _ROLE = {"gcp": "control", "controlpoint": "control", "checkpoint": "check", "3d
 # A semicolon is none: before it a cell may be empty.
 _COMMENTS = ("#", "%", "//")
 _SEPARATORS = "\t;,"
+_BOTH = (
+    "commas stand both between the cells and in the numbers; write numbers with a decimal point, "
+    "or semicolons between the cells"
+)
 _LETTERS = {"P": "point", "N": "y", "E": "x", "Z": "z", "D": ""}
 
 
@@ -116,6 +122,7 @@ def read_text(path: Path, exact: bool = False) -> Table:
     if header is None:
         header = _guessed(rows, separator, notes)
     # Standard deviations come in metres; of coordinates the system may count in feet.
+    rows = _with_points(path, rows, header, separator, notes)
     table = _table(rows, header, headed, notes, exact)
     for column in set(SIGMAS) & set(table.table):
         table.table[column] *= _metres(units, column)
@@ -127,11 +134,40 @@ def read_text(path: Path, exact: bool = False) -> Table:
 
 def _separator(lines: list[Line]) -> str | None:
     """The mark between the cells of all lines; None for blanks."""
+    last = lines[-3:]  # of which one may be a remark
+    if sum(_is_spaced(line.text) for line in last) > len(last) / 2:
+        return None
     for mark in _SEPARATORS:
-        last = lines[-3:]  # of which one may be a remark
         if sum(mark in line.text for line in last) > len(last) / 2:
             return mark
     return None
+
+
+def _is_spaced(text: str) -> bool:
+    """Whether blanks stand between the cells and commas only in numbers."""
+    cells = text.split()[1:]
+    return not set("\t;") & set(text) and sum(cell != with_point(cell) for cell in cells) > 2
+
+
+def _with_points(path, rows, columns, separator, notes):
+    """The rows with decimal points for decimal commas. Raises InputError where they are doubtful.
+
+    Commas in numbers and between cells cannot be told apart: whoever wrote them has more cells.
+    """
+    at = [
+        k for k, column in enumerate(columns) if column and column not in ("point", "role", "type")
+    ]
+    wide = all(len(row) >= len(columns) + len(at) for _, row in rows)
+    if separator == "," and wide and not any("." in cell for _, row in rows for cell in row):
+        raise rows[0][0].wrong(_BOTH)
+    cells = [(line.at, row[k]) for line, row in rows for k in at if k < len(row)]
+    if not decimal_commas(path, cells, sure=separator == ";"):
+        return rows
+    notes.append(f"{path.name} has decimal commas")
+    return [
+        (line, [with_point(cell) if k in at else cell for k, cell in enumerate(row)])
+        for line, row in rows
+    ]
 
 
 def _cells(line: Line, separator: str | None) -> list[str]:
@@ -156,7 +192,7 @@ def _number(cell: str) -> float | None:
 
 
 def _is_place_like(cell: str) -> bool:
-    return _number(cell) is not None or re.fullmatch(r"[+-]?\d+,\d+", cell) is not None
+    return _number(cell) is not None or _number(with_point(cell)) is not None
 
 
 # --- which column is which -------------------------------------------------------------------
@@ -272,10 +308,7 @@ def _guessed(rows: list[tuple[Line, list[str]]], separator: str | None, notes: l
     count = len(cells)
     decimals = all("." not in cell for _, row in rows for cell in row[1:])
     if separator == "," and count == 7 and decimals:
-        raise line.wrong(
-            "commas stand both between the cells and in the numbers; write numbers with a decimal "
-            "point, or semicolons between the cells"
-        )
+        raise line.wrong(_BOTH)
     if count < 4:
         raise line.wrong(f"{count} cells where a name and x, y, z belong")
     numeric = [_is_place_like(cell) for cell in cells]
@@ -331,6 +364,8 @@ def _table(rows, columns, headed, notes, exact) -> Table:
         places.append([_coordinate(line, cells[at[key]], key) for key in keys])
         sigmas.append(_sigmas(line, {key: _cell(cells, at[key]) for key in sigma_keys}, exact))
         roles.append(_role(line, _cell(cells, at["role"])) if "role" in at else "control")
+    if "role" not in at and "type" in at:
+        roles = _roles_of_type([_cell(cells, at["type"]) for _, cells in rows], notes) or roles
     table = ground_table(names, np.array(places), np.array(sigmas), roles)
     return Table(table, GEOGRAPHIC if geographic else None, notes)
 
@@ -340,7 +375,7 @@ def _cell(cells: list[str], k: int) -> str:
 
 
 def _coordinate(line: Line, cell: str, key: str) -> float:
-    value, angle = _number(cell), _ANGLE.fullmatch(cell)
+    value, angle = _number(cell), _ANGLE.fullmatch(cell.replace(",", "."))
     if value is not None and np.isfinite(value):
         return value
     if re.search(r"(?i)\.(jpe?g|tiff?|png|dng)\b", line.text):
@@ -374,6 +409,23 @@ def _role(line: Line, cell: str) -> str:
         near = did_you_mean(cell.lower(), ROLES)
         raise line.wrong(f"role {cell!r} is unknown{near}; write one of {', '.join(ROLES)}")
     return role
+
+
+def _roles_of_type(cells: list[str], notes: list[str]) -> list[str] | None:
+    """Roles from a column of types, where all of them are some; None elsewhere.
+
+    CP beside GCP is a check point.
+    """
+    found = ["check" if _word(cell) == "cp" else role_of(cell) for cell in cells]
+    if None in found or "check" not in found or "control" not in found:
+        if any(_word(cell) == "cp" for cell in cells):
+            notes.append(
+                "types CP were not read: they may be control or check points; call the column "
+                "role, with control or check in it"
+            )
+        return None
+    notes.append(f"types were read as roles: {found.count('check')} check points")
+    return [role for role in found if role]
 
 
 def role_of(text: str) -> str | None:

@@ -30,6 +30,7 @@ from corridor.tools.formats.control import add_ground, marks_refused, placed_by_
 from corridor.tools.formats.delay import with_delay_told
 from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.frames import moved
+from corridor.tools.formats.ground import system_beside
 from corridor.tools.formats.joining import bent
 from corridor.tools.formats.mapping import Cheaply, forget, from_photographs, is_whole, workplace
 from corridor.tools.formats.placing import (
@@ -191,6 +192,8 @@ def import_project(
     if beside is not None:
         told = f"{beside} lies beside the project and was not read: give it with --ground"
         project = project.warned(told)
+    if added.crs is None and project.block.crs is None and local_of(project.block) is None:
+        project = project.warned(*_prj_beside(path))
     project = complete(project, added, say)
     if form == "photos":
         files = photographs_in(path)[:: added.share]
@@ -235,6 +238,22 @@ def _list_beside(path: Path) -> Path | None:
     home = path if path.is_dir() else path.parent
     places = [home, home / "opensfm", *([home.parent] if home.name == "opensfm" else [])]
     return next((file for one in places if (file := one / "gcp_list.txt").is_file()), None)
+
+
+def _prj_beside(path: Path) -> list[str]:
+    """A sentence on a .prj in the folder of a project that states no system; none without it."""
+    try:
+        beside = system_beside(path)
+    except InputError as error:
+        return [str(error).replace("--ground-crs", "--crs")]
+    if beside is None:
+        return []
+    file, code, named = beside
+    code = code if code.startswith("EPSG") else "and its code"
+    return [
+        f"{file.name} beside the project names {named} and was not read: if the project's "
+        f"coordinates are in it, give --crs {code}"
+    ]
 
 
 def _with_tie_sigma(project: Project) -> Project:

@@ -99,7 +99,8 @@ def from_photographs(
     every = photographs_in(folder)
     files, copies = _each_once(every[:: cheaply.share])
     if len(files) < _LEAST:
-        raise InputError(f"{folder} holds {len(files)} photographs; a block needs {_LEAST} or more")
+        several = f"{len(files)} photograph{'s' * (len(files) != 1)}"
+        raise InputError(f"{folder} holds {several}; a block needs {_LEAST} or more")
     photos, smaller = _without_smaller([read_metadata(file) for file in files])
     files = [photo.path for photo in photos]
     names = [file.relative_to(folder).as_posix() for file in files]

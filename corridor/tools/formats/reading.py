@@ -1,11 +1,13 @@
 """Read a project of another program, whatever its format."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from corridor.core import registry
 from corridor.core.block import SIGMAS, Block, places
 from corridor.core.errors import InputError
 from corridor.core.gnss import known_crs, metric
@@ -13,7 +15,7 @@ from corridor.tools.formats.control import placed_by_own
 from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.programs import candidates, formats
 from corridor.tools.formats.project import Project, near_origin
-from corridor.tools.formats.strange import strange
+from corridor.tools.formats.strange import TEXT, strange
 
 # A few bad matches lie outside their picture.
 _MOST_OUTSIDE = 0.02
@@ -31,7 +33,8 @@ def read_project(
     """
     path, others = Path(path), []
     if not path.exists():
-        raise InputError(f"{path} is not there; name the file or folder of a project")
+        raise _not_there(path)
+    form = form.lower()
     # A format may be written in several forms, all of which it reads.
     known = formats().items()
     form = next((name for name, one in known if form in getattr(one, "WRITES", ())), form)
@@ -45,9 +48,14 @@ def read_project(
     with blaming(path, f"a project of {form}"):
         project = formats()[form].read(path, size)
         project = project if project.own else _counted_in_metres(project)
-        ties = size and len(project.block.tie_points)
+        ties = not project.own and len(project.block.tie_points)
         outside = project.block.outside("tie_points").mean() if ties else 0.0
-        if outside > _MOST_OUTSIDE:
+        if outside > _MOST_OUTSIDE and size is None:
+            project = project.warned(
+                f"{outside:.0%} of the image points lie outside the pictures that the project "
+                "states: were they measured in pictures of another size?"
+            )
+        elif outside > _MOST_OUTSIDE:
             raise InputError(
                 f"{outside:.0%} of the image points lie outside pictures of {size[0]} x {size[1]} "
                 "px (--size, or the photographs of --photos): give the size of the pictures that "
@@ -107,11 +115,27 @@ def _unseen(block: Block) -> list[str]:
     return warnings
 
 
+def _not_there(path: Path) -> InputError:
+    """The sentence for a project that is not there."""
+    if re.match(r"(?i)(https?|ftp|s3):/", str(path)):
+        return InputError(f"{path} is an address: download it, unpack it, and name the folder")
+    known = registry.room("data").register()
+    if str(path) in known:
+        return InputError(
+            f"{path} is not there; `corridor data fetch {path} -o {path}` fetches the set of that "
+            "name"
+        )
+    return InputError(f"{path} is not there; name the file or folder of a project")
+
+
 def _found(path: Path) -> tuple[str, Path, list[str]]:
     found = candidates(path)
     if not found:
         known = ", ".join(formats())
         named = strange(path)
+        whole = candidates(path.parent) if path.is_file() else []
+        if (not named or named == TEXT) and (whole and whole[0][1] == path.parent):
+            named = f"a part of a project of {whole[0][0]}: name its folder, {path.parent}"
         if named:
             raise InputError(f"{path} is {named}")
         raise InputError(

@@ -43,12 +43,25 @@ _ALIKE = {
     ".mp4 .mov .avi .mkv": "a video: take pictures out of it first, with their times",
     ".xlsx .xls": "an Excel workbook: save the sheet as comma separated text (.csv), and name that",
     ".las .laz .ply": "a point cloud: a project has photographs, their poses and measurements",
+    ".doc .docx .odt .ppt .pptx .rtf": "a document: name the project that it is about",
     ".kml .kmz .gpx .geojson .dxf .dwg .shp .gpkg": "a map: save its points as comma separated "
     "text (name, x, y, z), and name that",
     ".gsi .jxl .jobxml .job .rw5 .sdr .dc .dbx .crd .landxml": "a file of a surveying instrument: "
     "export its points as comma separated text (name, x, y, z), and name that",
 }
 _ENDINGS |= {end: told for ends, told in _ALIKE.items() for end in ends.split()}
+# Names of files of programs that are a part of a project.
+_PARTS = {
+    r"calibration.*\.xml|.*camera.*calib.*\.xml": "a camera without photographs: name the XML of "
+    "the cameras (File > Export > Export Cameras), or the folder of the project",
+    r"cameras\.json|camera_models\.json": "a list of cameras of OpenSfM or OpenDroneMap: name the "
+    "folder in which reconstruction.json is",
+    r"project\.ini": "settings of COLMAP: name the folder of the model (sparse/0) that its mapper "
+    "wrote",
+    r".*_pmatrix\.txt": "projection matrices of Pix4D, without lens: name its folder params, with "
+    "..._calibrated_camera_parameters.txt in it",
+}
+_PIX4D = re.compile(r"(?i).*(_pmatrix\.txt|_tp_bingo\.txt|_offset\.xyz|_wkt\.prj)$")
 _GROUND = "a list of ground points: name the project, and give the list with --ground"
 _PLAN = "a plan of a flight: `corridor plan PLAN` says how accurate it will be"
 _MOST_FILES = 2000  # of a folder are looked at
@@ -56,7 +69,7 @@ _TABLE = (
     "a table of positions of photographs, without measurements in them: name a project with tie "
     "points, or the folder of the photographs, as `corridor import photos FOLDER`"
 )
-_TEXT = (
+TEXT = (
     "a list of image coordinates (PATB, BINGO), which says neither unit nor angles: write "
     'convention.toml beside it (page "Check a project")'
 )
@@ -75,6 +88,11 @@ def strange(path: Path) -> str:
     ending = path.suffix.lower()
     if path.is_dir():
         return _folder(path)
+    if (path.parent / "block.toml").is_file():
+        return f"a file of a block: name its folder, {path.parent}"
+    for pattern, told in _PARTS.items():
+        if re.fullmatch(pattern, path.name, re.IGNORECASE):
+            return told
     head = opening(path, 400)
     if "RINEX VERSION" in head or (len(ending) == 4 and ending[1:3].isdecimal() and
                                    ending[3] in "ondg"):  # fmt: skip
@@ -107,7 +125,7 @@ def _of_text(path: Path) -> str:
     if head.startswith("$PROJECT"):
         return _INPHO
     if re.search(r"(?m)^\s*-99\s*$", head):
-        return _TEXT
+        return TEXT
     row = _PICTURE.search(head)
     cells = re.split(r"[,;\s]+", row[1].strip()) if row else []
     if len(cells) > 2 and all(map(_NUMBER.fullmatch, cells[:3])):
@@ -150,6 +168,17 @@ def _folder(path: Path) -> str:
     if not files:
         return "a folder without files: name the folder of a project"
     names = {file.name for file in files}
+    if any(name != name.lower() == "block.toml" for name in names):
+        return (
+            "a block whose files are in other letters: call them block.toml, images.csv, "
+            "tie_points.csv ..."
+        )
+    pix4d = [name for name in sorted(names) if _PIX4D.match(name)]
+    if pix4d:
+        return (
+            f"a folder of Pix4D's parameters ({pix4d[0]}) without "
+            "..._calibrated_camera_parameters.txt, in which the cameras are: put it there"
+        )
     for home in (path, path / "sparse", path / "sparse" / "0"):
         inside = {file.name for file in home.iterdir()} if home.is_dir() else set()
         there = [key for key in _MODEL if {f"{key}.txt", f"{key}.bin"} & inside]

@@ -6,6 +6,7 @@ import pytest
 import corridor
 from benchmarks.diagnosis.generator.cases import Case
 from benchmarks.diagnosis.generator.generate import generate
+from corridor.core.adjustment.false_positions import _concentrated_from
 from corridor.core.errors import AdjustmentFailed, InputError
 
 
@@ -159,3 +160,19 @@ def test_one_mark_that_is_gross_accuses_no_control():
     assert any(told in note for note in found.notes)
     assert not any("Ground control is wrong" in warning for warning in found.warnings)
     assert accuracy(found) < 0.02
+
+
+def test_a_search_for_false_positions_in_which_an_image_is_lost_leads_nowhere():
+    """Marks with the noise of their size lost an image on the way, and its position with it."""
+    result = corridor.adjust(corridor.read("data_synthetic/dike"), camera="fixed")
+    names = result.residuals["gnss"]["image"].astype(str)
+    sigma = result.residuals["gnss"][["sx", "sy", "sz"]].to_numpy()
+
+    def again(block, model, **_):
+        return corridor.adjust(block.select(images=names[1:]), model=model)
+
+    every = np.ones(len(names), bool)
+    best = every.copy()
+    best[:3] = False
+    false, scale = _concentrated_from(best, every, sigma, result, again)
+    assert np.isinf(scale) and false.sum() == 3

@@ -1,5 +1,6 @@
 """The local frame and the conversion to a grid against closed formulas."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -147,6 +148,59 @@ def test_datums_that_are_joined_to_metres_are_told(crs, place, known):
     """Accuracies of EPSG: MGI to WGS 84 (3), NAD83(2011) to WGS 84 (1)."""
     told = loosely_known(*place, crs, "EPSG:4979")
     assert f"{crs} and WGS 84 to {known} only" in told if known else told == ""
+
+
+# A country's datum, the place where it is asked, and the grid of that place (proj.db of PROJ 9).
+GRIDS = {
+    "NAD27 in Colorado": ("EPSG:26713", "EPSG:26913", (-105, 39.75), "us_noaa_nadcon5_nad27"),
+    "NAD27 in Alberta": ("EPSG:4267", "EPSG:4269", (-112, 56), "ca_"),
+    "ED50 in Spain": ("EPSG:23030", "EPSG:25830", (-4, 40), "es_ign_SPED2ETV2"),
+    "DHDN": ("EPSG:31467", "EPSG:25832", (9, 48.7), "de_"),
+    "Tokyo": ("EPSG:30169", "EPSG:2451", (139.7, 35.6), "tky2jgd.gsb of the survey authority"),
+    "JGD2000 before the earthquake": (
+        "EPSG:2452", "EPSG:6678", (141.5, 38.4), "touhokutaiheiyouoki2011.gsb of the survey",
+    ),
+    "AGD66": ("EPSG:20255", "EPSG:28355", (147, -38), "au_icsm_A66_National"),
+    "NZGD49": ("EPSG:27200", "EPSG:2193", (175, -40), "nz_linz_nzgd2kgrid0005"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("crs", "other", "place", "grid"), GRIDS.values(), ids=GRIDS)
+def test_the_grid_that_joins_two_datums_is_that_of_the_place(crs, other, place, grid):
+    told = loosely_known(*place, crs, other)
+    assert f"between {crs} and {other} to" in told and grid in told
+
+
+@pytest.mark.parametrize("place", [(3, 48.7), (19, 52)])
+def test_no_grid_of_another_country_is_named(place):
+    """ED50 in France and Poland has none; Spain's was named."""
+    assert "es_ign" not in loosely_known(*place, "EPSG:23031", "EPSG:25831")
+
+
+# A system, a place in it and what the sentence has to name.
+REFUSED = {
+    "OSGB36": ("EPSG:27700", (400000, 300000), "uk_os_OSTN15_NTv2_OSGBtoETRS.tif, which is not"),
+    "NGF-IGN69": ("EPSG:2154+5720", (700000, 6600000), "fr_ign_"),
+    "AHD": ("EPSG:28355+5711", (500000, 5800000), "au_ga_AUSGeoid09"),
+    "CGVD28": ("EPSG:2950+5713", (300000, 5050000), "ca_nrc_HT2"),
+    "CGVD2013": ("EPSG:2950+6647", (300000, 5050000), r"NAD83\(CSRS\)v6, with ca_nrc_CGG2013n83"),
+    "JGD2000 with heights": ("EPSG:2451+6694", (-10000, -40000), "no way between the heights"),
+    "JGD2011 with heights": ("EPSG:6677+6695", (-10000, -40000), "jp_gsi_gsigeo2011"),
+    "Pulkovo with heights": ("EPSG:28406+5705", (6500000, 6100000), "no way between the heights"),
+    "NAVD88": ("EPSG:26913+5703", (500000, 4400000), "us_noaa_.* which are not installed"),
+}
+
+
+@pytest.mark.parametrize(("crs", "place", "said"), REFUSED.values(), ids=REFUSED)
+def test_a_national_system_whose_grid_is_missing_is_refused_with_the_way_to_it(crs, place, said):
+    try:
+        found = convert(np.array([[*place, 100.0]]), crs, "EPSG:4979")
+    except InputError as error:
+        assert re.search(said, str(error)), error
+        heights = "heights above the ellipsoid" in str(error) or "give them above" in str(error)
+        assert heights == ("+" in crs)
+    else:  # the grid is installed
+        assert np.isfinite(found).all()
 
 
 def test_an_unknown_crs_is_refused():

@@ -110,9 +110,11 @@ SPOILT = {
         "track.csv", lambda text: text.replace("time_s,x,y,z", "time_s,x,y,h"),
         ["track.csv, row 1", "column z is missing"],
     ),
-    "semicolons in a block": (
-        "track.csv", lambda text: text.replace(",", ";"),
-        ["track.csv, row 1", "not separated by commas"],
+    "semicolons in rows only": (
+        "llh.pos", lambda text: "\n".join(
+            line if line.startswith("%") else ";".join(line.split()) for line in text.splitlines()
+        ),
+        ["llh.pos, row 8", "';' stands between the fields"],
     ),
     "no such time system": (
         "llh.pos", lambda text: text.replace("%  GPST ", "%  MEZ  "),

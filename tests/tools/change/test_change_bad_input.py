@@ -67,7 +67,7 @@ def nothing(first, second):
         (no_datum, [], "AFTER has neither control nor GNSS and so no datum"),
         (nothing, ["--polygon", "far.csv", "--spacing", "20"], "polygon holds no ground"),
         (nothing, ["--profile", "here.csv"], "here.csv, row 3: y = 'here' is not a number"),
-        (nothing, ["--profile", "excel.csv"], "excel.csv, row 1: .* not separated by commas"),
+        (nothing, ["--profile", "excel.csv"], "excel.csv, line 2: .* has a decimal comma, and"),
         (nothing, ["--profile", "none.csv"], "there is no such file"),
         (
             nothing,
@@ -87,7 +87,7 @@ def test_the_command_says_one_sentence_and_writes_nothing(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "far.csv").write_text("x,y\n10000,0\n10009,0\n10000,9\n")
     (tmp_path / "here.csv").write_text("x,y\n1,2\n3,here\n")
-    (tmp_path / "excel.csv").write_text("x;y\n1,5;2\n3;4\n")
+    (tmp_path / "excel.csv").write_text("x;y\n1,5;2.5\n3;4\n")
     first, second = flown(10), flown(11)
     spoil(first, second)
     first.copy().write("a")

@@ -114,7 +114,7 @@ def test_tracks_without_their_version_line_are_refused(broken, tmp_path):
     "name, told",
     [
         ("gcp_list_no_crs.txt", "line 1: '609925.8180680283"),
-        ("gcp_list_decimal_comma.txt", "line 2: a coordinate = '609925,8180680283' has a decimal"),
+        ("gcp_list_decimal_comma.txt", "line 2: '609925,8180680283' has a decimal"),
     ],
 )
 def test_broken_lists_of_ground_points_are_refused(name, told, broken):

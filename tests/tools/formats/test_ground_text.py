@@ -546,6 +546,37 @@ def test_a_system_whose_datum_is_joined_loosely_is_told_with_what_joins_it_bette
     assert not any("m only" in told for told in complete(placed(), Additions(crs=UTM)).warnings)
 
 
+@pytest.mark.parametrize("form", ["WKT1_ESRI", "WKT1_GDAL", "WKT2_2019"])
+def test_a_prj_beside_a_table_says_its_system(tmp_path, form):
+    pyproj = pytest.importorskip("pyproj")
+    project = placed()
+    names, places = surveyed(project)
+    (tmp_path / "points.csv").write_text(as_text(names, places, ("", PENZ)))
+    (tmp_path / "points.prj").write_text(pyproj.CRS(UTM).to_wkt(form))
+    for crs in (None, UTM):
+        made = add_ground(project, tmp_path / "points.csv", crs=crs)
+        known = project.block.ground[["x", "y", "z"]].to_numpy(float)
+        assert np.abs(made.block.ground[["x", "y", "z"]].to_numpy(float) - known).max() < 2e-4
+        assert any("read from points.prj: ETRS89 / UTM zone 32N" in note for note in made.notes)
+    with pytest.raises(InputError, match="contradicts it"):
+        add_ground(project, tmp_path / "points.csv", crs="EPSG:25833")
+
+
+def test_a_prj_that_names_no_system_is_told(tmp_path):
+    (tmp_path / "points.csv").write_text("A,1,2,3\n")
+    (tmp_path / "points.prj").write_text("Lambert, I think")
+    with pytest.raises(InputError, match=r"points.prj names no coordinate system that is known"):
+        add_ground(placed(), tmp_path / "points.csv")
+
+
+def test_a_prj_beside_a_project_without_a_system_is_named(tmp_path):
+    pyproj = pytest.importorskip("pyproj")
+    export_project(exact_block(), "colmap-text", tmp_path / "model")
+    (tmp_path / "model" / "site.prj").write_text(pyproj.CRS(UTM).to_wkt("WKT1_ESRI"))
+    made = import_project(tmp_path / "model", "auto", tmp_path / "out").project
+    assert any("site.prj beside the project names ETRS89" in one for one in made.warnings)
+
+
 def test_crs_never_labels_what_is_not_in_it():
     project = placed()
     project.block.extra.pop("local_frame")

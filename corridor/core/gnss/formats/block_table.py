@@ -36,7 +36,7 @@ def read(path: Path) -> Track | Exposures:
         names = read_columns(path, Layout(())).columns
     else:
         with path.open(encoding="utf-8-sig", errors="replace") as file:
-            names = [name.strip() for name in file.readline().split(",")]
+            names = re.split(r"\s*[,;\t]\s*", file.readline().strip())
     layout = _EXPOSURES if "image" in names else _TRACK
     frame = read_columns(path, layout)
     if not len(frame):

@@ -181,6 +181,11 @@ def _layout(header: str, separator: str) -> tuple[dict[str, tuple[int, int, str]
 def _stamp(rows: TextRows, k: int) -> tuple[str, float]:
     """Day and seconds of it of a row."""
     if len(rows.fields[k]) < 2:
+        mark = next((mark for mark in ";," if mark in "".join(rows.fields[k])), None)
+        if mark is not None:
+            raise rows.wrong(
+                k, f"{mark!r} stands between the fields, not in the header; write the file again"
+            )
         raise rows.wrong(k, "the position is missing; delete the row")
     first, second = rows.fields[k][:2]
     date, seconds = _DATE.fullmatch(first), seconds_of_clock(second)

@@ -17,6 +17,8 @@ examples:
       for QGIS and CloudCompare too: adjustment.gpkg, adjustment.las
   corridor adjust BLOCK -o out/f --certificate full
       certificate.html and certificate.pdf for an authority: `asprs`, `din18740` or `full`
+  corridor adjust BLOCK --line axis.csv --required 0.01
+      may one centimetre be believed along the axis of the road? (one row: at that place)
 
 OUT holds report.html (tables and pictures on one page), adjustment.json (every number), block/
 (the adjusted block, .parquet where BLOCK is) and the pictures; with --gis also adjustment.gpkg
@@ -29,9 +31,10 @@ printed.
 
 import argparse
 import sys
+from pathlib import Path
 
 from corridor.core.command import model as _model
-from corridor.core.command.options import announce_compilation, flag, say, wrote
+from corridor.core.command.options import announce_compilation, flag, option, say, wrote
 
 _COLUMNS = """\
 cost: half the sum of squared residuals over their sigmas; damping: 0 is a full Gauss-Newton step;
@@ -50,6 +53,12 @@ OPTIONS = _model.table(
         "leave out antenna positions beyond five sigmas (false fixes) and adjust again"
     ),
     "--gis": {},
+    "--line": option(
+        "how precise the ground is along this line, or at one place (CSV with x, y): may the "
+        "accuracy of --required be believed there? also OUT/line.csv",
+        "FILE",
+        Path,
+    ),
     "--certificate": {},
     "--verbose": flag("print every iteration"),
 }
@@ -78,12 +87,13 @@ def run(options: argparse.Namespace) -> None:
 
 def _run(options: argparse.Namespace) -> None:
     import corridor
-    from corridor.core.adjustment import not_converged
+    from corridor.core.adjustment import not_converged, read_corners
     from corridor.core.errors import InputError
     from corridor.core.output import check_gis
 
     if options.certificate is not None and options.output is None:
         raise InputError("a certificate is a file: give the folder to write it to with -o OUT")
+    corners = None if options.line is None else read_corners(options.line)
     with _Iterations(options.verbose) as progress:
         block = corridor.read(options.block)
         if options.gis:
@@ -96,18 +106,23 @@ def _run(options: argparse.Namespace) -> None:
             print(f"  {sentence}")
         raise not_converged(adjustment)
     print(adjustment)
+    beside = {}
+    if corners is not None:
+        line = adjustment.precision_along(corners, options.required)
+        print(f"\n{options.line.name}: {line}")
+        text = line.table.to_csv(index=False, float_format="%.6g", lineterminator="\n")
+        beside["line.csv"] = text.encode()
     if options.output is None:
         print(
             "\nNothing was written: -o OUT saves the report, the pictures and the adjusted block."
         )
         return
-    beside = {}
     if options.certificate is not None:
         made = corridor.certificate.certify(
             options.block, options.certificate, required=options.required, adjustment=adjustment,
             **keywords(options),
         )  # fmt: skip
-        beside = made.files
+        beside |= made.files
     pictures = corridor.figures.of_adjustment
     wrote(*adjustment.save(options.output, pictures, gis=options.gis, beside=beside))
 

@@ -21,6 +21,7 @@ refused and named.
 """
 
 import argparse
+import warnings
 from pathlib import Path
 
 from corridor.core.command.options import announce_compilation, flag, number, option, warn, wrote
@@ -123,6 +124,8 @@ def _doubt(images, found):
     import numpy as np
     import pandas as pd
 
+    from corridor.core.block import Layout, read_columns
+    from corridor.core.errors import CorridorWarning, InputError
     from corridor.core.preparation import (
         position_difference,
         position_disagreement,
@@ -132,7 +135,12 @@ def _doubt(images, found):
     path = images / "images.csv" if images.is_dir() else images
     if path.suffix.lower() != ".csv" or not path.is_file():
         return "", 0.0
-    table = pd.read_csv(path, dtype={"image": str}, encoding="utf-8-sig")
+    with warnings.catch_warnings():  # told when the images were read
+        warnings.simplefilter("ignore", CorridorWarning)
+        try:
+            table = read_columns(path, Layout((), ("image", "x", "y", "z")))
+        except InputError:  # times in another format
+            return "", 0.0
     if not {"image", "x", "y", "z"} <= set(table):
         return "", 0.0
     posed = table.drop_duplicates("image").set_index("image").reindex(found.gnss["image"])

@@ -42,9 +42,13 @@ MARK = "batch.json"
 _adjust, _diagnose = registry.verb("adjust"), registry.verb("diagnose")
 
 
+# What is asked of one block.
+_ONE = ("--verbose", "--line")
+
+
 def _of_many(options):
     """Options of a verb for one block, as they are for many."""
-    return {name: told for name, told in options.items() if name != "--verbose"} | {
+    return {name: told for name, told in options.items() if name not in _ONE} | {
         "block": option("folders of blocks, or folders that hold such folders", nargs="+"),
         "--output": option("folder for table, page and results", required=True),
     }

@@ -80,6 +80,11 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
             f"{main.name} holds poses without a camera; put ..._{_MAIN} of the same project beside "
             "it and name the folder"
         )
+    several = [f.name for f in sorted(folder.iterdir()) if f.name.lower().endswith(_MAIN)]
+    if path.is_dir() and len(several) > 1:
+        raise InputError(
+            f"{folder} holds several projects ({', '.join(several[:3])}); name one of these files"
+        )
     prefix = main.name[: -len(_MAIN)] if main.name.lower().endswith(_MAIN) else ""
 
     def beside(name: str) -> Path:
@@ -97,7 +102,9 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     offset = _offset(beside("offset.xyz"), external, dict(zip(names, centre, strict=True)), notes)
     if external.is_file():
         _compare(names, centre + offset, rotation, external, warnings)
-    bingo = _find(folder, "tp_bingo.txt", "bingo.txt")
+    mine = [beside("tp_bingo.txt"), beside("bingo.txt")]
+    bingo = next((file for file in mine if file.is_file()), None)
+    bingo = bingo or _find(folder, "tp_bingo.txt", "bingo.txt")
     errors = beside(f"{_EXTERNAL[:-4]}_error.txt")
     project = Contents(
         name=folder.resolve().name
@@ -275,7 +282,13 @@ def _crs(path):
     text = opening(path, 20_000).strip()
     if not text:
         return None
-    system = known_crs(text)
+    try:
+        system = known_crs(text)
+    except InputError:
+        raise InputError(
+            f"{path.name} names no coordinate system that is known ({text[:40]}); delete it, and "
+            "give the system with --crs"
+        ) from None
     if not system.is_projected:
         return None
     code = system.to_epsg()
