@@ -78,7 +78,9 @@ class Columns(NamedTuple):
     4 - number. source (m, wide): interior parameter behind each shared unknown, or 15; images of
     one camera (m,) have the same. slot (m, effects on camera, image, motion), ground (c, k);
     low, high (m,): the panels of shared unknowns that an image touches; wide: how many there are,
-    in whole panels; used: how many any ray touches."""
+    in whole panels; used: how many any ray touches. exposure (m,), rising: of each image, to whose
+    unknowns the assembly adds; hung (m, 18) or (0, 18): A and M, row by row, by which an image
+    moves with its exposure, dC and dr: dC + A dr, M dr."""
 
     source: np.ndarray
     camera: np.ndarray
@@ -88,6 +90,8 @@ class Columns(NamedTuple):
     high: np.ndarray
     wide: int
     used: int
+    exposure: np.ndarray
+    hung: np.ndarray
 
 
 class Control(NamedTuple):
