@@ -590,7 +590,6 @@ class LinearSystem:
     @cached_property
     def matrix(self) -> csc_array:
         """N (n, n), symmetric."""
-        normal = self._normal
         cross, shared = csc_array(self._cross), csc_array(self.shared_matrix)
         beside = len(self.columns) - self._of_problem
         blocks = [

@@ -64,9 +64,9 @@ class Modelled:
 class View:
     """A state as the kernels take it.
 
-    exposures: whose unknowns are those of the images; cameras: poses, interiors and motion; d_interior (m, k, 16), d_motion
-    (m, k, degree + 1, 8) as in `_for_kernels` and d_ground (c, 3, k): derivatives by the effects;
-    control_residual (c, 3): given minus modelled, m.
+    exposures: of whose unknowns those of images are made; cameras: poses, interiors and motion;
+    d_interior (m, k, 16), d_motion (m, k, degree + 1, 8) as in `_for_kernels` and d_ground
+    (c, 3, k): derivatives by the effects; control_residual (c, 3): given minus modelled, m.
     """
 
     state: State
@@ -114,14 +114,20 @@ class Normal:
         self.cross = np.zeros((rows, size, p.wide))
         self.has_image_effects = bool(p.stack.at("image"))
         self.has_motion = bool(p.stack.at("motion"))
+        mine = np.concatenate([p.camera_column, p.slot_column], axis=1)
+        last = mine.max(axis=1, initial=-1)
+        # Nothing at all where no column is touched.
+        first = np.where(mine >= 0, mine, np.maximum(last, 0)[:, None]).min(axis=1, initial=p.wide)
         touched = (p.camera_column, p.slot_column, p.ground_column)
         self.columns = arrays.Columns(
             _sources(p),
             p.images.camera,
             p.slot_column,
             p.ground_column,
-            p.low,
-            p.high,
+            first,
+            last,
+            first // PANEL * PANEL,
+            -(-(last + 1) // PANEL) * PANEL,
             p.wide,
             used=1 + max(int(some.max(initial=-1)) for some in touched),
             exposure=p.exposure,
@@ -145,7 +151,7 @@ class Normal:
         return Band(p.exposure_count, size, p.bandwidth, rows, self.engine)
 
     def exposures_at(self, state: State) -> Exposures:
-        """Whose unknowns are those of the images."""
+        """Of whose unknowns those of the images are made."""
         return Exposures(self.problem, state.rotation)
 
     # --- what stays the same during one evaluation -----------------------------------------
@@ -556,15 +562,17 @@ class Normal:
                 self.reference[:count],
             )
         except Singular as weak:
-            if weak.shared is None:
-                weak.image, weak.own = self._unknown_of_image(weak.image, weak.own)
+            if weak.image is not None and weak.own is not None:
+                # Of the exposure's: whose it is of its images, and which of that one's.
+                unknown = self.exposures_at(p.start).unknown
+                at = weak.image * self.of_exposures.d + weak.own
+                weak.image, weak.own = np.argwhere(unknown == at)[0].tolist()
             raise
 
-    def _unknown_of_image(self, exposure: int, own: int) -> tuple[int, int]:
-        """The image, and the number among its own, of an exposure's unknown."""
-        unknown = self.exposures_at(self.problem.start).unknown
-        image, number = np.nonzero(unknown == exposure * self.of_exposures.d + own)
-        return int(image[0]), int(number[0])
+    def step_of_images(self, step: np.ndarray) -> np.ndarray:
+        """The step (m, d) of images that a step (n,) of exposures makes."""
+        assert self.assembled is not None
+        return self.assembled.exposures.images(step).reshape(-1, self.problem.d)
 
     def stand_at(self, state: State) -> None:
         """Make what points are substituted with at a state, without its equations."""

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from corridor.core.adjustment.rigs import lots
 from corridor.core.adjustment.ordering import (
     appearances,
     bandwidth,
@@ -13,6 +12,7 @@ from corridor.core.adjustment.ordering import (
     pixels_of_rows,
     sorted_rows,
 )
+from corridor.core.adjustment.rigs import lots
 from corridor.core.block import Block, exposures_of, independent, is_among, level_axes
 from corridor.core.effects import Images
 from corridor.core.errors import InputError

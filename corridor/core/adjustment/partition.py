@@ -21,8 +21,9 @@ class Pieces:
     """Points of which each piece adds to images of its own.
 
     point, image (k + 1,): where pieces begin and the last ends; a point is of the piece in whose
-    images it begins, exposures in the place of images. spare: how many further a point reaches. What a piece adds to images
-    of the next ones lies apart, in `apart` rows behind those of all images, until `fold`.
+    images it begins; images of one exposure count as one. spare: how many images further a point
+    reaches. What a piece adds to images of the next ones lies apart, in `apart` rows behind those
+    of all images, until `fold`.
     """
 
     point: list[int]

@@ -10,8 +10,8 @@ exposures, which the equations are made and solved for: N_u = T' N T and
 
     x = T u,   dC_j = dC + R_i' [t] dr,   dr_j = M dr
 
-Whoever asks for N itself, image by image, gets one with the same solutions and covariances: N_u where
-the bases stand, and besides, as if measured to a micrometre and a fiftieth of a second of arc,
+Whoever asks for N itself, image by image, gets one with the same solutions and covariances: N_u
+where the bases stand, and besides, as if measured to a micrometre and a fiftieth of a second,
 
     R_i (C_j - C_i) - t = 0,   Log(R_j R_i' M') = 0
 

@@ -90,8 +90,8 @@ def solve(
     with one_thread():
         if normal.loss.kind == SQUARES:
             if normal.has_image_effects or len(normal.problem.rig_image):
-                # One step of Newton finds what they look at, but for a little of the last step. What
-                # a mounting is shifted by turns with its exposure, which the equations leave out.
+                # One step of Newton finds what they look at, but for a little of the last step.
+                # The shift of a mounting turns with its exposure, which the equations leave out.
                 tolerance /= 10
             return _solve(normal, start, max_iterations, tolerance, say, [], equations)
         if near:
@@ -237,10 +237,10 @@ def _at_rest(system: Bordered, shared: np.ndarray, tolerance: float) -> bool:
 
 
 def _step(system: Bordered, normal: Normal):
-    p, exposures = normal.problem, normal.assembled.exposures
-    right, reference = (one[: exposures.count].ravel() for one in (normal.gradient, normal.reference))
+    count = normal.problem.exposure_count
+    right, reference = (one[:count].ravel() for one in (normal.gradient, normal.reference))
     step, shared = system.solve(right[:, None], normal.shared_gradient[:, None])
-    of_images, step, shared = exposures.images(step)[:, 0], step[:, 0], shared[:, 0]
+    step, shared = step[:, 0], shared[:, 0]
     down = float(step @ right + shared @ normal.shared_gradient)
     square = float(step**2 @ reference + shared**2 @ normal.shared_reference)
-    return of_images.reshape(-1, p.d), shared, down, square
+    return normal.step_of_images(step), shared, down, square

@@ -348,7 +348,7 @@ def _eliminate(p, place, span, scene, damping, equations, totals, room, work, ki
     n, m, waiting = place
     lo, hi = span
     columns, control = scene.columns, scene.control
-    d_ground = scene.derivatives.ground
+    img, d_ground = scene.observations.image, scene.derivatives.ground
     own, shared, z, part = room.own, room.shared, work.z, work.part
     q = U(columns.wide)
     start = scene.observations.start[p]
@@ -441,6 +441,9 @@ def _eliminate(p, place, span, scene, damping, equations, totals, room, work, ki
         gradient, squares = zeros(), zeros()
         w0, w1, w2 = zeros(), zeros(), zeros()
         for k in range(2 * m):
+            i = U(img[U(start + k // 2)])
+            if x + PANEL <= columns.low[i] or x >= columns.high[i]:
+                continue
             s = panel(shared, b_first + U(k) * q + U(x))
             gradient = plus(gradient, part[U(4 * k + 3)], s)
             squares = squares + s * s
@@ -493,7 +496,7 @@ def _add_group(p, place, span, scene, equations, room, work, d):
     first, m, points = place
     row = inner_row_length(d)
     lo, hi = span
-    start = scene.observations.start[p]
+    start, img, columns = scene.observations.start[p], scene.observations.image, scene.columns
     storage, matrix = equations.storage, equations.storage.flat
     own, y, left = room.own, work.y, work.left
     q, stride = U(scene.columns.wide), U(storage.stride)
@@ -536,11 +539,27 @@ def _add_group(p, place, span, scene, equations, room, work, d):
                     these = min(6, d - c)
                     _add_products(matrix, to, stride, sums, these, U(min(PANEL, d - x)), -1.0)
     b_first = U(2 * first) * q
+    # Whether all rays touch the same columns: mountings are each of one camera of a rig alone.
+    alike = True
+    for k in range(m):
+        i, j = U(img[U(start + k)]), U(img[U(start)])
+        alike = (
+            alike and columns.first[i] == columns.first[j] and columns.last[i] == columns.last[j]
+        )
     for c in range(lo, min(hi, scene.columns.used), 6):
         b_c = Strided(room.shared, b_first + U(c), q)
         for x in range(lo, min(hi, c + 6), PANEL):
             s_x = Strided(left, b_first + U(x), q)
-            sums = _products(_no_products(), b_c, s_x, 2 * m * points)
+            if alike:
+                sums = _products(_no_products(), b_c, s_x, 2 * m * points)
+            else:
+                sums = _no_products()
+                for k in range(m):
+                    i, at = U(img[U(start + k)]), U(2 * k) * q
+                    if columns.first[i] < c + 6 and columns.last[i] >= c:
+                        b_k = Strided(room.shared, b_c.at + at, q)
+                        s_k = Strided(left, s_x.at + at, q)
+                        sums = _products_of_pairs(sums, b_k, s_k, (apart_s[1], apart_s[1]), points)
             _add_products(
                 equations.block, U(c) * q + U(x), q, sums, min(6, hi - c), U(PANEL), 1.0
             )  # fmt: skip

@@ -279,7 +279,9 @@ def _products(start, m, scene, d, known, together):
         i, last = exposure_of(start + ray, scene), k
         for other in range(ray, m):
             if leads(other, start, scene):
-                block[U(last)] = block_offset(i, exposure_of(start + other, scene), i, d, known.near)
+                block[U(last)] = block_offset(
+                    i, exposure_of(start + other, scene), i, d, known.near
+                )
                 last += 1
         for c in range(0, d, 3):
             # Half of the image's own block, of which there is half: what follows is symmetric.
