@@ -104,8 +104,8 @@ class Curve:
             {"curve": start[None].copy()}, nothing,
         )  # fmt: skip
         self.problem = SimpleNamespace(
-            image_count=1, d=6, unknown_count=len(start), shared_count=len(start),
-            per_image_unknowns=[], start=state,
+            image_count=1, exposure_count=1, d=6, rig_image=(),
+            unknown_count=len(start), shared_count=len(start), per_image_unknowns=[], start=state,
             unknowns=[Unknown(EFFECT, "curve", f"b{k}", at=(0, k)) for k in range(len(start))],
         )  # fmt: skip
         self.gradient, self.reference = np.zeros((1, 6)), np.ones((1, 6))
@@ -138,6 +138,9 @@ class Curve:
         image.add_diagonal(np.ones((1, 6)))
         cross = np.zeros((6, self.problem.unknown_count))
         return Bordered(image, cross, self.block, self.shared_reference, self.reference)
+
+    def step_of_images(self, step):
+        return step[None]
 
     def substitute(self, state, damping, step, shared):
         return state.points, 0.0, 0.0

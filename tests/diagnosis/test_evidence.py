@@ -166,7 +166,7 @@ def known_otherwise(time, y, stated):
     gnss = SimpleNamespace(
         image=np.arange(count), sigma=np.tile(stated, (count, 1)) * np.ones(3), residual=y
     )
-    narrow = SimpleNamespace(image_count=count, bandwidth=1)
+    narrow = SimpleNamespace(image_count=count, exposure_count=count, bandwidth=1)
     labels = [("block", axis, "m") for axis in "xyz"]
     effect = SimpleNamespace(slug="e0", generic=False, place="antenna", group="block")
     group = Group("e0", effect, None, np.arange(3), np.ones(3), labels)

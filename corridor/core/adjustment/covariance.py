@@ -10,10 +10,12 @@ from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from corridor.core.adjustment.datum import centred
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.normal import Normal
+from corridor.core.adjustment.rigs import Exposures
 from corridor.core.engine.scene import Asked, Inverse, Storage
 from corridor.core.engine.threads import one_thread
 
@@ -66,14 +68,19 @@ class Covariance:
 
     @cached_property
     def _across(self) -> np.ndarray:
-        """B^-1 E (n, q)."""
+        """B^-1 E of exposures."""
         return self.system.factor.across()
+
+    @property
+    def _exposures(self) -> Exposures:
+        """Whose unknowns the factor has."""
+        return self.system.exposures
 
     @cached_property
     def poses_shared(self) -> np.ndarray:
         """Between poses and shared unknowns (n, q)."""
         n, q = self._n, self._q
-        cross = -self._across @ self._shared_inverse
+        cross = -self._exposures.images(self._across) @ self._shared_inverse
         return cross + self._datum(np.arange(n), n + np.arange(q))
 
     def solve(self, sums: np.ndarray) -> np.ndarray:
@@ -99,7 +106,7 @@ class Covariance:
 
     @cached_property
     def _near(self) -> Storage:
-        """Entries between images that share a point, in the storage of the equations."""
+        """Entries between exposures that share a point, in the storage of the equations."""
         with one_thread():
             left, right = self._low_rank()
             # In place of the factor, which is as large: who asks for that has it made anew.
@@ -110,7 +117,7 @@ class Covariance:
         x = self._across
         left, right = [x @ self._shared_inverse], [x]
         if self._open is not None:
-            g, a = self._poses, self._part[: len(self._poses)]
+            g, a = map(self._exposures.of_bases, (self._poses, self._part[: len(self._poses)]))
             left += [g @ self._inner - a, -g]
             right += [g, a]
         return np.concatenate(left, axis=1), np.concatenate(right, axis=1)
@@ -118,9 +125,9 @@ class Covariance:
     @cached_property
     def each_pose(self) -> np.ndarray:
         """Of every image (m, d, d)."""
-        d = self.system.problem.d
-        own = np.arange(self._n).reshape(-1, d)
-        return self._near.symmetric(own[:, :, None], own[:, None], d)
+        own, turn = self._exposures.unknown, self._exposures.turn
+        found = self._near.symmetric(own[:, :, None], own[:, None], self._exposures.size)
+        return turn @ found @ turn.transpose(0, 2, 1)
 
     @cached_property
     def of_marked(self) -> dict[int, np.ndarray]:
@@ -134,9 +141,9 @@ class Covariance:
     def of_images(self, images: np.ndarray) -> np.ndarray:
         """Of the unknowns (k d, k d) of images (k,) in rising order, of which any two share a
         point."""
-        d = self.system.problem.d
-        own = (np.asarray(images)[:, None] * d + np.arange(d)).ravel()
-        return self._near.symmetric(own[:, None], own, d)
+        own, turn = self._exposures.unknown[images].ravel(), self._exposures.turn[images]
+        turn = block_diag(*turn)
+        return turn @ self._near.symmetric(own[:, None], own, self._exposures.size) @ turn.T
 
     @cached_property
     def _normal(self) -> Normal:
@@ -151,12 +158,13 @@ class Covariance:
         modelled = normal.modelled_at(self.state)
         # Without `out` no entry of the images is looked at.
         near = self._near if len(asked.out) else _NOTHING
-        known = Inverse(near, self.poses_shared.ravel(), self.shared.ravel(), self._q)
+        across = self._exposures.of_bases(self.poses_shared)
+        known = Inverse(near, across.ravel(), self.shared.ravel(), self._q)
 
         def work(piece: int, start: int, stop: int) -> None:
             for first, last in normal.chunks(start, stop):
-                scene = normal.scene(view, modelled, first, last)
-                normal.engine.point_covariance(scene, known, asked)
+                scene = normal.scene_of_exposures(view, modelled, first, last)
+                normal.of_exposures.point_covariance(scene, known, asked)
 
         if some is None:
             normal.pieces.run(work)

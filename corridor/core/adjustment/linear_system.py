@@ -29,7 +29,7 @@ from corridor.core.adjustment.model import CAMERA, EFFECT, LEVER_ARM
 from corridor.core.adjustment.normal import Loss, Normal, moved_state
 from corridor.core.adjustment.observations import NO_GNSS
 from corridor.core.adjustment.problem import POSE_KINDS, Problem, with_effects
-from corridor.core.adjustment.rigs import rig_rows
+from corridor.core.adjustment.rigs import Exposures, RigRows, rig_rows
 from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.unknowns import State, Unknown
 from corridor.core.block import Block, along_axes, turned
@@ -430,10 +430,7 @@ class LinearSystem:
         k = len(p.rig_image)
         if not k:
             return rows
-        found, n = rig_rows(p, self.state), len(self.columns)
-        parts = []
-        for image, by in ((p.rig_image[:, 0], found.first), (p.rig_image[:, 1], found.second)):
-            parts.append(_sparse(by, self.columns.pose[image], n))
+        found = rig_rows(p, self.state)
         names = p.images.names[np.repeat(p.rig_image[:, 1], 2)]
         residual = found.residual.reshape(-1, 3)
         sigma = np.tile(found.weight.reshape(2, 3) ** -0.5, (k, 1))
@@ -442,7 +439,7 @@ class LinearSystem:
             np.zeros((len(rows.given) + 2 * k, 3)),
             np.concatenate([rows.residual, residual]),
             np.concatenate([rows.sigma, sigma]),
-            csr_array(vstack([rows.jacobian, parts[0] + parts[1]])),
+            csr_array(vstack([rows.jacobian, self._of_pairs(found, len(self.columns))])),
             np.concatenate([rows.image, np.repeat(p.rig_image[:, 1], 2)]),
             np.concatenate([rows.turn, np.tile(np.eye(3), (2 * k, 1, 1))]),
         )
@@ -552,9 +549,34 @@ class LinearSystem:
     def right(self) -> np.ndarray:
         """t (n,): half the downward gradient of the cost."""
         out = np.zeros(len(self.columns))
-        known = self._normal.gradient[: self.problem.image_count].ravel()
+        known = self.exposures.at_bases(self._of_exposures(self._normal.gradient))
         out[: self._of_problem] = np.concatenate([known, self._normal.shared_gradient])
         return out
+
+    @cached_property
+    def exposures(self) -> Exposures:
+        """Whose unknowns the equations are made and solved for."""
+        return Exposures(self.problem, self.state.rotation)
+
+    def _of_exposures(self, rows: np.ndarray) -> np.ndarray:
+        """Rows of `Normal` (n, ...), an unknown each, without what pieces kept apart."""
+        rows = rows[: self.exposures.count]
+        return rows.reshape(-1, *rows.shape[2:])
+
+    @cached_property
+    def _hanging(self) -> csc_array:
+        """What keeps images of one exposure together in N (m d, m d)."""
+        p = self.problem
+        k, n = len(p.rig_image), p.image_count * p.d
+        found = rig_rows(p, self.state)
+        rows = self._of_pairs(found, n)
+        heavy = rows * np.tile(found.weight, k)[:, None]
+        return csc_array(heavy.T @ rows)
+
+    def _of_pairs(self, found: RigRows, n: int) -> csr_array:
+        """Derivatives (6 k, n) of the pairs of rigs by the first n columns."""
+        at = self.columns.pose[self.problem.rig_image]
+        return _sparse(found.first, at[:, 0], n) + _sparse(found.second, at[:, 1], n)
 
     @cached_property
     def right_of_priors(self) -> np.ndarray:
@@ -568,25 +590,39 @@ class LinearSystem:
     @cached_property
     def matrix(self) -> csc_array:
         """N (n, n), symmetric."""
-        normal = self._normal
         cross, shared = csc_array(self._cross), csc_array(self.shared_matrix)
         beside = len(self.columns) - self._of_problem
         blocks = [
-            [normal.blocks.symmetric(), cross, None],
+            [self._image_part, cross, None],
             [cross.T, shared, None],
             [None, None, csc_array((beside, beside))],
         ]
         return csc_array(block_array(blocks))
 
+    @property
+    def _image_part(self) -> csc_array:
+        """N (m d, m d) of images."""
+        made = self._normal.blocks.symmetric()
+        if not self.exposures.rigs:
+            return made
+        return csc_array(self.exposures.first @ made @ self.exposures.first.T + self._hanging)
+
+    def _of_images(self, first: np.ndarray, second: np.ndarray) -> csc_array:
+        """N (m k, m l) of some numbers of every image's unknowns, first (k,) and second (l,)."""
+        if not self.exposures.rigs:
+            return self._normal.blocks.of_images(first, second)
+        at = np.arange(self.problem.image_count)[:, None] * self.problem.d
+        return self._image_part[(at + first).ravel()][:, (at + second).ravel()]
+
     def of_images(self, one: np.ndarray, other: np.ndarray) -> csc_array:
         """N (m k, m l) of unknowns that images have for themselves, one (m, k) and other (m, l)."""
         first, second = (own[0][own[0] < self.problem.d] for own in (one, other))
         if (first.size, second.size) == (one.shape[1], other.shape[1]):
-            return self._normal.blocks.of_images(first, second)
+            return self._of_images(first, second)
         # Tested effects of the antenna have columns behind all others, and no part in N.
         out = csc_array((one.size, other.size))
         if first.size and second.size:
-            part = coo_array(self._normal.blocks.of_images(first, second))
+            part = coo_array(self._of_images(first, second))
             place = []
             for own, at in ((one, part.row), (other, part.col)):
                 inside = np.flatnonzero(own[0] < self.problem.d)
@@ -617,14 +653,16 @@ class LinearSystem:
 
     @property
     def _cross(self) -> np.ndarray:
-        p = self.problem
-        return self._normal.cross[: p.image_count].reshape(-1, p.wide)[:, : p.shared_count]
+        cross = self._of_exposures(self._normal.cross)[:, : self.problem.shared_count]
+        return self.exposures.at_bases(cross)
 
     @cached_property
     def reference(self) -> np.ndarray:
         """Diagonal (n,) of N before the points were eliminated: what is not rounding beside it."""
-        normal, m = self._normal, self.problem.image_count
-        return np.concatenate([normal.reference[:m].ravel(), normal.shared_reference])
+        own = self.exposures.at_bases(self._of_exposures(self._normal.reference))
+        if self.exposures.rigs:
+            own = own + self._hanging.diagonal()
+        return np.concatenate([own, self._normal.shared_reference])
 
     @cached_property
     def _substitution(self) -> Normal:
@@ -644,7 +682,11 @@ class LinearSystem:
         n = self._of_problem - self.problem.shared_count
         image, shared, cross = x[:n], x[n : self._of_problem], self._cross
         out = np.zeros_like(x)
-        out[:n] = self._normal.blocks.multiply(image) + cross @ shared
+        exposures = self.exposures
+        made = self._normal.blocks.multiply(exposures.of_bases(image))
+        out[:n] = exposures.at_bases(made) + cross @ shared
+        if exposures.rigs:
+            out[:n] += self._hanging @ image
         out[n : self._of_problem] = cross.T @ image + self.shared_matrix @ shared
         return out
 
@@ -684,7 +726,8 @@ class LinearSystem:
         """N^-1 right for right (n, k). Raises Singular."""
         n = self.problem.image_count * self.problem.d
         with one_thread():
-            return np.concatenate(self.factor.solve(right[:n], right[n:]))
+            found, shared = self.factor.solve(self.exposures.sums(right[:n]), right[n:])
+        return np.concatenate([self.exposures.images(found), shared])
 
     def minimised(self, max_iterations: int, tolerance: float, near: bool) -> LinearSystem:
         """The system at the state of least cost; arguments as of `solve`."""

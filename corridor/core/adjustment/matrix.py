@@ -54,20 +54,11 @@ class Blocks:
         """As engines take it."""
         return Storage(self.flat, self.stride, self.neighbour_start, self.neighbour)
 
-    def _add(self, row: np.ndarray, column: np.ndarray, values: np.ndarray) -> None:
-        np.add.at(self.flat, self.storage.entries(row, column, self.d), values)
-
-    def add_blocks(self, image: np.ndarray, blocks: np.ndarray) -> None:
-        """Add symmetric blocks (k, d, d) to the diagonal blocks of images (k,)."""
-        r, c = np.tril_indices(self.d)
-        first = image[:, None] * self.d
-        self._add(first + r, first + c, blocks[:, r, c])
-
-    def add_pairs(self, image: np.ndarray, later: np.ndarray, blocks: np.ndarray) -> None:
-        """Add blocks (k, 6, 6): rows of later images (k,), columns of images (k,) before them."""
-        r, c = np.indices((6, 6))
-        row, column = (some[:, None, None] * self.d for some in (later, image))
-        self._add(row + r, column + c, blocks)
+    def add_blocks(self, unknown: np.ndarray, blocks: np.ndarray) -> None:
+        """Add symmetric blocks (k, l, l) of unknowns (k, l) of one image each, in rising order."""
+        r, c = np.tril_indices(unknown.shape[1])
+        at = self.storage.entries(unknown[:, r], unknown[:, c], self.d)
+        np.add.at(self.flat, at, blocks[:, r, c])
 
     def _diagonal(self) -> np.ndarray:
         every = np.arange(self.n)

@@ -7,12 +7,12 @@ from functools import cached_property
 import numpy as np
 
 from corridor.core.adjustment.distances import add_distances, ground_with_ends
-from corridor.core.adjustment.matrix import Band, Bordered, Sparse
+from corridor.core.adjustment.matrix import Band, Bordered, Singular, Sparse
 from corridor.core.adjustment.measured_poses import pose_rows, residuals
 from corridor.core.adjustment.model import Loss
 from corridor.core.adjustment.partition import Pieces
 from corridor.core.adjustment.problem import POSE_KINDS, Problem, State
-from corridor.core.adjustment.rigs import rig_rows
+from corridor.core.adjustment.rigs import Exposures, hung
 from corridor.core.adjustment.unknowns import is_per_image, per_image_code
 from corridor.core.block import turned
 from corridor.core.camera import INTERIOR, radials_in_use, without_distortion
@@ -64,13 +64,14 @@ class Modelled:
 class View:
     """A state as the kernels take it.
 
-    cameras: poses, interiors and motion; d_interior (m, k, 16), d_motion
-    (m, k, degree + 1, 8) as in `_for_kernels` and d_ground (c, 3, k): derivatives by the effects;
-    control_residual (c, 3): given minus modelled, m.
+    exposures: of whose unknowns those of images are made; cameras: poses, interiors and motion;
+    d_interior (m, k, 16), d_motion (m, k, degree + 1, 8) as in `_for_kernels` and d_ground
+    (c, 3, k): derivatives by the effects; control_residual (c, 3): given minus modelled, m.
     """
 
     state: State
     images: Images
+    exposures: Exposures
     cameras: arrays.Cameras
     d_interior: np.ndarray
     d_motion: np.ndarray
@@ -87,7 +88,7 @@ class Normal:
 
     After `assemble`: cost (half the weighted sum of squares, priors included), behind (how many
     observations lie behind their camera), modelled (at that state), gradient (n,) and
-    shared_gradient (q,).
+    shared_gradient (q,). The unknowns are those of exposures (see `corridor.core.adjustment.rigs`).
     """
 
     def __init__(self, problem: Problem, loss: Loss, threads: int = 1, storage: str = "auto"):
@@ -98,29 +99,44 @@ class Normal:
         self.longest = int(np.diff(p.ptr).max(initial=1))
         self.sighted = p.stack.sees_points
         self.engine = engine()(p.d, self.longest, self.sighted)
+        exposures = self.exposures_at(p.start)
+        # The same, for the unknowns of exposures.
+        self.of_exposures = engine()(exposures.size, self.longest, self.sighted)
         self.pieces = Pieces.of(p, min(threads, self.engine.threads) if storage == "band" else 1)
         self.storage = storage
         root = np.sqrt(p.control_weight)[:, :, None] * p.control_turn
         lower = np.tril_indices(3)
         whole = (root.transpose(0, 2, 1) @ root)[:, lower[0], lower[1]]
         self.control_weight = whole, np.ascontiguousarray(root[:, lower[0], lower[1]])
-        rows = p.image_count + self.pieces.apart
-        self.gradient = np.zeros((rows, p.d))
-        self.reference = np.zeros((rows, p.d))
-        self.cross = np.zeros((rows, p.d, p.wide))
+        rows, size = p.exposure_count + self.pieces.apart, exposures.size
+        self.gradient = np.zeros((rows, size))
+        self.reference = np.zeros((rows, size))
+        self.cross = np.zeros((rows, size, p.wide))
         self.has_image_effects = bool(p.stack.at("image"))
         self.has_motion = bool(p.stack.at("motion"))
+        mine = np.concatenate([p.camera_column, p.slot_column], axis=1)
+        last = mine.max(axis=1, initial=-1)
+        # Nothing at all where no column is touched.
+        first = np.where(mine >= 0, mine, np.maximum(last, 0)[:, None]).min(axis=1, initial=p.wide)
         touched = (p.camera_column, p.slot_column, p.ground_column)
         self.columns = arrays.Columns(
             _sources(p),
             p.images.camera,
             p.slot_column,
             p.ground_column,
-            p.low,
-            p.high,
+            first,
+            last,
+            first // PANEL * PANEL,
+            -(-(last + 1) // PANEL) * PANEL,
             p.wide,
             used=1 + max(int(some.max(initial=-1)) for some in touched),
+            exposure=p.exposure,
+            hung=np.zeros((0, 18)),
         )
+        # What images have for themselves stands further behind in the unknowns of their exposure.
+        behind = exposures.unknown[:, -1:] % size + 1 - p.d if size > p.d else 0
+        slot = np.where(is_per_image(p.slot_column), p.slot_column - behind, p.slot_column)
+        self.columns_of_exposures = self.columns._replace(slot=slot)
         self.assembled: View | None = None
         self.held = np.zeros((0, 2), dtype=np.int64)
 
@@ -128,10 +144,15 @@ class Normal:
     def blocks(self) -> Band | Sparse:
         """Where equations are assembled; residuals need none."""
         p = self.problem
+        size = self.of_exposures.d
         if self.storage == "sparse":
-            return Sparse(p.image_count, p.d, *_with_pairs(p))
-        rows = p.image_count + self.pieces.apart
-        return Band(p.image_count, p.d, p.bandwidth, rows, self.engine)
+            return Sparse(p.exposure_count, size, p.ptr, p.exposure[p.img])
+        rows = p.exposure_count + self.pieces.apart
+        return Band(p.exposure_count, size, p.bandwidth, rows, self.engine)
+
+    def exposures_at(self, state: State) -> Exposures:
+        """Of whose unknowns those of the images are made."""
+        return Exposures(self.problem, state.rotation)
 
     # --- what stays the same during one evaluation -----------------------------------------
 
@@ -174,7 +195,15 @@ class Normal:
             fisheye, motion, turns,
         )  # fmt: skip
         d_interior = _widened(d_interior.transpose(0, 2, 1), arrays.INNER)
-        return View(state, images, cameras, d_interior, d_motion, residual, d_ground)
+        exposures = self.exposures_at(state)
+        return View(state, images, exposures, cameras, d_interior, d_motion, residual, d_ground)
+
+    def scene_of_exposures(
+        self, view: View, modelled: Modelled, first: int, last: int
+    ) -> arrays.Scene:
+        """As `scene`, for `of_exposures`."""
+        columns = self.columns_of_exposures._replace(hung=view.exposures.hung)
+        return self.scene(view, modelled, first, last)._replace(columns=columns)
 
     def scene(
         self, view: View, modelled: Modelled, first: int, last: int, anew: bool = True
@@ -427,8 +456,8 @@ class Normal:
             for array in kept:
                 self.pieces.clear(piece, array)
             for first, last in self.chunks(start, stop):
-                scene = self.scene(view, self.modelled, first, last)
-                totals[piece] += self.engine.assemble(scene, damping, equations)
+                scene = self.scene_of_exposures(view, self.modelled, first, last)
+                totals[piece] += self.of_exposures.assemble(scene, damping, equations)
 
         self.pieces.run(work)
         for array in kept:
@@ -441,14 +470,13 @@ class Normal:
         self.cost, self.behind = self._with_others(cost, view, matrix), int(behind)
         if not matrix:
             return
-        m = p.image_count
         if damping:
-            self.blocks.add_diagonal(damping * self.reference[:m])
+            self.blocks.add_diagonal(damping * self.reference[: p.exposure_count])
             self.shared_block[np.diag_indices(q)] += damping * self.shared_reference
         if len(self.held):
-            pinned = np.zeros((m, p.d))
-            image, number = self.held.T
-            pinned[image, number] = self.reference[image, number]
+            pinned = np.zeros((p.exposure_count, self.of_exposures.d))
+            at = view.exposures.unknown[*self.held.T]
+            pinned.reshape(-1)[at] = self.reference.reshape(-1)[at]
             self.blocks.add_diagonal(pinned)
 
     def _with_others(self, cost: float, view: View, matrix: bool | None) -> float:
@@ -460,56 +488,38 @@ class Normal:
         # Of the control the engine adds the rest.
         control = turned(p.control_turn, view.control_residual)
         cost += float(np.sum(p.control_weight * control**2))
-        cost += sum(self._add_poses(kind, state, view.images, matrix) for kind in POSE_KINDS)
+        cost += sum(self._add_poses(kind, view, matrix) for kind in POSE_KINDS)
         cost += add_distances(self, p, state, matrix)
-        cost += self._add_rigs(state, matrix)
-        return 0.5 * float(cost + self._add_priors(state, matrix))
+        return 0.5 * float(cost + self._add_priors(view, matrix))
 
-    def _add_poses(self, kind: str, state: State, images: Images, matrix: bool | None) -> float:
+    def _add_poses(self, kind: str, view: View, matrix: bool | None) -> float:
         """Add what is measured of poses directly, `gnss` or `attitude`; twice its cost."""
-        p = self.problem
+        p, state, images = self.problem, view.state, view.images
         if not len(p.measured(kind)):
             return 0.0
         if matrix is None:
             return float(np.sum(p.weight_of(kind) * residuals(kind, p, state, images) ** 2))
         rows = pose_rows(kind, p, state, images)
-        image, residual, weight = rows.image, rows.residual, rows.weight
+        residual, weight = rows.residual, rows.weight
+        unknown, own = view.exposures.rows(rows.image, rows.own)
         # Cameras and most effects move none of them.
         used = np.flatnonzero(rows.shared.any(axis=(0, 1)))
         shared = rows.shared[:, :, used]
         # `einsum` takes three times as long over as many small products.
-        weighted = (rows.own * weight[:, :, None]).transpose(0, 2, 1)
+        weighted = (own * weight[:, :, None]).transpose(0, 2, 1)
         heavy = (shared * weight[:, :, None]).reshape(weight.size, len(used))
-        self.gradient[image] += (weighted @ residual[:, :, None])[:, :, 0]
+        np.add.at(self.gradient.reshape(-1), unknown, (weighted @ residual[:, :, None])[:, :, 0])
         self.shared_gradient[used] += heavy.T @ residual.ravel()
         if matrix:
-            blocks = weighted @ rows.own
-            self.blocks.add_blocks(image, blocks)
-            self.reference[image] += np.einsum("nii->ni", blocks)
-            self.cross[image[:, None, None], np.arange(p.d)[:, None], used] += weighted @ shared
+            blocks = weighted @ own
+            self.blocks.add_blocks(unknown, blocks)
+            np.add.at(self.reference.reshape(-1), unknown, np.einsum("nii->ni", blocks))
+            cross = self.cross.reshape(-1, p.wide)
+            np.add.at(cross, (unknown[:, :, None], used), weighted @ shared)
             block = heavy.T @ shared.reshape(weight.size, len(used))
             self.shared_block[np.ix_(used, used)] += np.tril(block)
             self.shared_reference[used] += np.diag(block)
         return float(np.sum(weight * residual**2))
-
-    def _add_rigs(self, state: State, matrix: bool | None) -> float:
-        """Add that images of one exposure hang together; twice its cost."""
-        p = self.problem
-        if not len(p.rig_image):
-            return 0.0
-        rows, (i, j) = rig_rows(p, state), p.rig_image.T
-        heavy = {}
-        for image, by in ((i, rows.first), (j, rows.second)) if matrix is not None else ():
-            heavy[id(by)] = weighted = (by * rows.weight[:, None]).transpose(0, 2, 1)
-            np.add.at(self.gradient[:, :6], image, (weighted @ rows.residual[:, :, None])[:, :, 0])
-            if matrix:
-                blocks = np.zeros((len(image), p.d, p.d))
-                blocks[:, :6, :6] = weighted @ by
-                self.blocks.add_blocks(image, blocks)
-                np.add.at(self.reference, image, np.einsum("nii->ni", blocks))
-        if matrix:
-            self.blocks.add_pairs(i, j, heavy[id(rows.second)] @ rows.first)
-        return float(np.sum(rows.weight * rows.residual**2))
 
     def from_priors(self, state: State) -> tuple[np.ndarray, np.ndarray]:
         """Prior minus value of the shared unknowns (q,) and of every image's own (m, k)."""
@@ -518,35 +528,51 @@ class Normal:
         away = p.per_image_prior[0] - np.stack(own, axis=1) if own else np.zeros((p.image_count, 0))
         return p.prior_value - shared_values(p, state), away
 
-    def _add_priors(self, state: State, matrix: bool | None) -> float:
-        p = self.problem
-        shared, own = self.from_priors(state)
+    def _add_priors(self, view: View, matrix: bool | None) -> float:
+        p, unknown = self.problem, view.exposures.unknown
+        shared, own = self.from_priors(view.state)
         weight = p.per_image_prior[1]
         if matrix is not None:
             self.shared_gradient += p.prior_weight * shared
-            self.gradient[: p.image_count, 6:] += weight * own
+            self.gradient.reshape(-1)[unknown[:, 6:]] += weight * own
         if matrix:
             self.shared_block[np.diag_indices(p.shared_count)] += p.prior_weight
             self.shared_reference += p.prior_weight
-            diagonal = np.zeros((p.image_count, p.d))
-            diagonal[:, 6:] = weight
-            diagonal[p.idle[:, 0], p.idle[:, 1]] += 1.0
-            if diagonal.any():
+            # Exposures that lack an image have nothing in its place.
+            flat = np.ones(p.exposure_count * self.of_exposures.d)
+            flat[unknown] = 0.0
+            flat[unknown[:, 6:]] = weight
+            flat[unknown[*p.idle.T]] += 1.0
+            if flat.any():
+                diagonal = flat.reshape(p.exposure_count, -1)
                 self.blocks.add_diagonal(diagonal)
-                self.reference[: p.image_count] += diagonal
+                self.reference[: p.exposure_count] += diagonal
         return float(np.sum(p.prior_weight * shared**2) + np.sum(weight * own**2))
 
     def factor(self) -> Bordered:
         """Factorise in place. Raises Singular."""
         p = self.problem
-        m = p.image_count
-        return Bordered(
-            self.blocks,
-            self.cross[:m].reshape(-1, p.wide)[:, : p.shared_count],
-            self.shared_block,
-            self.shared_reference,
-            self.reference[:m],
-        )
+        count = p.exposure_count
+        try:
+            return Bordered(
+                self.blocks,
+                self.cross[:count].reshape(-1, p.wide)[:, : p.shared_count],
+                self.shared_block,
+                self.shared_reference,
+                self.reference[:count],
+            )
+        except Singular as weak:
+            if weak.image is not None and weak.own is not None:
+                # Of the exposure's: whose it is of its images, and which of that one's.
+                unknown = self.exposures_at(p.start).unknown
+                at = weak.image * self.of_exposures.d + weak.own
+                weak.image, weak.own = np.argwhere(unknown == at)[0].tolist()
+            raise
+
+    def step_of_images(self, step: np.ndarray) -> np.ndarray:
+        """The step (m, d) of images that a step (n,) of exposures makes."""
+        assert self.assembled is not None
+        return self.assembled.exposures.images(step).reshape(-1, self.problem.d)
 
     def stand_at(self, state: State) -> None:
         """Make what points are substituted with at a state, without its equations."""
@@ -635,17 +661,11 @@ def _farthest(pixels: np.ndarray, before: np.ndarray) -> float:
         return float(np.fmax.reduce(np.abs(pixels - before), axis=None, initial=0.0))
 
 
-def _with_pairs(p: Problem) -> tuple[np.ndarray, np.ndarray]:
-    """Rays by points, and after them pairs of images that hang together, as of a point each."""
-    more = p.ptr[-1] + 2 * np.arange(1, len(p.rig_image) + 1)
-    return np.append(p.ptr, more), np.append(p.img, p.rig_image.ravel())
-
-
 def _band_costs_more(p: Problem) -> bool:
     """Whether a sparse factorisation is likely cheaper than the band."""
     wide = p.bandwidth * p.d
-    flops = p.image_count * p.d * wide**2
-    return flops > 2e10 and p.bandwidth > 0.25 * p.image_count
+    flops = p.exposure_count * p.d * wide**2
+    return flops > 2e10 and p.bandwidth > 0.25 * p.exposure_count
 
 
 def shared_values(p: Problem, state: State) -> np.ndarray:
@@ -668,4 +688,5 @@ def moved_state(
     for number, (slug, parameter) in enumerate(p.per_image_unknowns):
         effects[slug][:, parameter] += step[:, 6 + number]
     turn = rotation_from_vector(step[:, 3:6])
-    return State(state.centre + step[:, :3], turn @ state.rotation, points, interior, effects, arms)
+    centre, rotation = state.centre + step[:, :3], turn @ state.rotation
+    return hung(p, State(centre, rotation, points, interior, effects, arms))

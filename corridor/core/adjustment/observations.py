@@ -12,6 +12,7 @@ from corridor.core.adjustment.ordering import (
     pixels_of_rows,
     sorted_rows,
 )
+from corridor.core.adjustment.rigs import lots
 from corridor.core.block import Block, exposures_of, independent, is_among, level_axes
 from corridor.core.effects import Images
 from corridor.core.errors import InputError
@@ -29,7 +30,9 @@ class Network:
     which tie_count are ties. skewed (k, 3), or (0, 3) where x and y of all are equally good and
     independent: what makes them so, 00 10 11 of a lower triangle. point_codes (n,): category of
     tie_points, or of marks counted on;
-    point_kinds (n,): True where the point is a mark. point_start (n, 3), m. bandwidth: in images.
+    point_kinds (n,): True where the point is a mark. point_start (n, 3), m.
+    exposure (m,): number of the exposure of each image; one that hangs with no other has its own.
+    bandwidth: in exposures.
     """
 
     order: np.ndarray
@@ -43,6 +46,7 @@ class Network:
     point_codes: np.ndarray
     point_kinds: np.ndarray
     point_start: np.ndarray
+    exposure: np.ndarray
     bandwidth: int
 
     @property
@@ -127,8 +131,12 @@ def network_of(block: Block, images: Images, control: set[str], unused: set[str]
     _check_multiplicity(block, multiplicity, control, tie_names, mark_names)
     _check_images(block, image, images)
 
-    both = exposures_of(block)
-    order = corridor_order(point, image, xyz, images, (both.base, both.member))
+    lot, rigs = lots(block), len(exposures_of(block).member) > 0
+    of_ray = lot.astype(np.int32)[image] if rigs else image
+    place = np.argsort(corridor_order(point, of_ray, xyz, int(lot.max(initial=-1)) + 1))[lot]
+    # Images of one exposure stand together.
+    order = np.argsort(place, kind="stable")
+    exposure = place[order]
     rank = np.empty(len(order), dtype=np.int32)
     rank[order] = np.arange(len(order))
     # Points that the same images see belong together: the kernel gathers them.
@@ -159,7 +167,8 @@ def network_of(block: Block, images: Images, control: set[str], unused: set[str]
         point_codes=codes,
         point_kinds=kinds,
         point_start=np.ascontiguousarray(xyz[codes]),
-        bandwidth=bandwidth(ptr, img),
+        exposure=exposure,
+        bandwidth=bandwidth(ptr, exposure[img] if rigs else img),
     )
 
 

@@ -4,7 +4,6 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from corridor.core.effects import Images
 from corridor.core.engine.compiled import compiled
 
 
@@ -12,16 +11,14 @@ def corridor_order(
     point: np.ndarray,
     image: np.ndarray,
     position: np.ndarray,
-    images: Images,
-    pairs: tuple[np.ndarray, np.ndarray],
+    count: int,
 ) -> np.ndarray:
-    """Order (m,) of the images: by footprint along the block, or reverse Cuthill-McKee.
+    """Order (count,) of the images: by footprint along the block, or reverse Cuthill-McKee.
 
-    point, image: (n,) of each observation; position: (points, 3). pairs: (k,) of images that are
-    tied to each other besides. The one with the narrower band is taken; a block that bends or goes
-    round is better off with the graph, and so are members of a rig that look ahead and back.
+    point, image: (n,) of each observation; position: (points, 3). Exposures of a rig in the place
+    of images are ordered alike. The order with the narrower band is taken; a block that bends or
+    goes round is better off with the graph.
     """
-    count = len(images.names)
     footprint, seen = _sums(point, image, position, np.isfinite(position).all(axis=1), count)
     footprint /= np.maximum(seen, 1)[:, None]
     centred = footprint - footprint.mean(axis=0)
@@ -31,12 +28,8 @@ def corridor_order(
     first = np.argsort(along if along[0] <= 0 else -along, kind="stable")
     if count < 8:
         return first
-    # Pairs as if the two saw a point of their own.
-    own = len(position) + np.arange(len(pairs[0]), dtype=point.dtype)
-    point = np.concatenate([point, own, own])
-    image = np.concatenate([image, *pairs], dtype=image.dtype, casting="unsafe")
     width = _width(point, image, first)
-    if width * 8 <= count and not len(own):
+    if width * 8 <= count:
         return first
     linked = _links(point, image, count)
     second = np.asarray(reverse_cuthill_mckee(linked, symmetric_mode=True), dtype=np.int64)

@@ -21,8 +21,9 @@ class Pieces:
     """Points of which each piece adds to images of its own.
 
     point, image (k + 1,): where pieces begin and the last ends; a point is of the piece in whose
-    images it begins. spare: how many images further a point reaches. What a piece adds to images
-    of the next ones lies apart, in `apart` rows behind those of all images, until `fold`.
+    images it begins; images of one exposure count as one. spare: how many images further a point
+    reaches. What a piece adds to images of the next ones lies apart, in `apart` rows behind those
+    of all images, until `fold`.
     """
 
     point: list[int]
@@ -35,7 +36,7 @@ class Pieces:
         """For one thread, or two."""
         count = len(p.ptr) - 1
         point, image = [0], [0]
-        first = p.img[p.ptr[:-1]]
+        first = p.exposure[p.img[p.ptr[:-1]]]
         for share in np.cumsum(_SHARES)[:-1] if threads > 1 else ():
             at = int(np.searchsorted(p.ptr, share * p.ptr[-1]))
             if at < count:
@@ -45,7 +46,7 @@ class Pieces:
                 if begins > image[-1] and min(left, right) >= _LEAST:
                     point.append(at)
                     image.append(begins)
-        return cls([*point, count], [*image, p.image_count], p.bandwidth, threads)
+        return cls([*point, count], [*image, p.exposure_count], p.bandwidth, threads)
 
     def __len__(self) -> int:
         return len(self.point) - 1

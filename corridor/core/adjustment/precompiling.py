@@ -43,14 +43,14 @@ def compile_late() -> None:
     normal, state, count = Normal(p, Loss()), p.start, len(p.ptr) - 1
     normal.stand_at(state)
     assert normal.assembled is not None
-    scene = normal.scene(normal.assembled, normal.modelled, 0, count)
+    scene = normal.scene_of_exposures(normal.assembled, normal.modelled, 0, count)
     n, q = p.image_count * p.d, p.shared_count
     normal.substitute(state, 0.0, np.zeros((p.image_count, p.d)), np.zeros(q))
     known = Inverse(normal.blocks.storage, np.zeros(n * q), np.zeros(q * q), q)
     asked = Asked(
         np.full(count, -1), np.zeros(0, dtype=np.int64), np.zeros((count, 6)), np.zeros((0, 3, 0))
     )
-    normal.engine.point_covariance(scene, known, asked)
+    normal.of_exposures.point_covariance(scene, known, asked)
 
 
 def _small_block() -> Block:

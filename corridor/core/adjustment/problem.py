@@ -76,6 +76,11 @@ class Problem(Network, Control, Distances, Gnss, Attitudes, Rigs, Unknowns, Prio
     def image_count(self) -> int:
         return len(self.order)
 
+    @property
+    def exposure_count(self) -> int:
+        """How many poses there are: images of a rig that were taken together have one."""
+        return int(self.exposure[-1]) + 1 if len(self.exposure) else 0
+
     def measured(self, kind: str) -> np.ndarray:
         """Images (k,) of which a kind of `POSE_KINDS` is measured."""
         return getattr(self, f"{kind}_image")
@@ -192,8 +197,6 @@ def make_problem(block: Block, model: Model | None = None, **options) -> Problem
     rank[network.order] = np.arange(len(rank))
     gnss, attitudes = gnss_of(block, rank), attitudes_of(block, rank)
     rigs = rigs_in(block, rank)
-    apart = np.diff(rigs.rig_image, axis=1).max(initial=0)
-    network.bandwidth = max(network.bandwidth, int(apart) + 1)
     control, notes = control_of(block, network, asked)
     distances, control, more = distances_of(block, network, control)
     notes += more

@@ -17,6 +17,7 @@ import numpy as np
 from corridor.core.adjustment.matrix import Bordered, Singular
 from corridor.core.adjustment.normal import NEAR, Loss, Normal, moved_state
 from corridor.core.adjustment.problem import State
+from corridor.core.adjustment.rigs import hung
 from corridor.core.brief import brief
 from corridor.core.engine.scene import SQUARES
 from corridor.core.engine.threads import one_thread
@@ -85,18 +86,18 @@ def solve(
         their factor, which `Solution` has then.
     Raises AdjustmentFailed where no step lowers the cost and the step is not small.
     """
+    start = hung(normal.problem, normal.problem.start)
     with one_thread():
         if normal.loss.kind == SQUARES:
-            if normal.has_image_effects:
+            if normal.has_image_effects or len(normal.problem.rig_image):
                 # One step of Newton finds what they look at, but for a little of the last step.
+                # The shift of a mounting turns with its exposure, which the equations leave out.
                 tolerance /= 10
-            start = normal.problem.start
             return _solve(normal, start, max_iterations, tolerance, say, [], equations)
         if near:
-            start = normal.problem.start
             return _solve(normal, start, max_iterations, ROBUST * tolerance, say, [], equations)
         loss, normal.loss = normal.loss, Loss()
-        first = _solve(normal, normal.problem.start, max_iterations, STEP_BEFORE_LOSS, say, [])
+        first = _solve(normal, start, max_iterations, STEP_BEFORE_LOSS, say, [])
         normal.loss = loss
         return _solve(
             normal, first.state, max_iterations, ROBUST * tolerance, say, first.history, equations
@@ -236,11 +237,10 @@ def _at_rest(system: Bordered, shared: np.ndarray, tolerance: float) -> bool:
 
 
 def _step(system: Bordered, normal: Normal):
-    p = normal.problem
-    m = p.image_count
-    right = normal.gradient[:m].reshape(-1, 1)
-    step, shared = system.solve(right, normal.shared_gradient[:, None])
+    count = normal.problem.exposure_count
+    right, reference = (one[:count].ravel() for one in (normal.gradient, normal.reference))
+    step, shared = system.solve(right[:, None], normal.shared_gradient[:, None])
     step, shared = step[:, 0], shared[:, 0]
-    down = float(step @ right[:, 0] + shared @ normal.shared_gradient)
-    square = float(step**2 @ normal.reference[:m].ravel() + shared**2 @ normal.shared_reference)
-    return step.reshape(m, p.d), shared, down, square
+    down = float(step @ right + shared @ normal.shared_gradient)
+    square = float(step**2 @ reference + shared**2 @ normal.shared_reference)
+    return normal.step_of_images(step), shared, down, square

@@ -9,7 +9,6 @@ from corridor.core.adjustment.model import CAMERA, EFFECT, LEVER_ARM, ParameterI
 from corridor.core.brief import brief
 from corridor.core.camera import INTERIOR
 from corridor.core.effects import Arrays, Context, Images, Member, Stack, group_of_image
-from corridor.core.engine.scene import PANEL
 from corridor.core.errors import InputError
 
 # Interior parameters that are lengths in the picture; the others have no unit.
@@ -64,8 +63,7 @@ class Unknowns:
     Columns of an image (m, ...): >= 0 shared, -1 none, `is_per_image` its own; camera_column by
     interior parameter, slot_column by parameter of effects on camera, image and motion,
     antenna_column of effects on the antenna, attitude_column of those on attitudes, arm_column
-    (m, 3); ground_column (c, ...) of a control point, distance_column (k, ...) of a distance. low,
-    high (m,): whole panels that an image touches.
+    (m, 3); ground_column (c, ...) of a control point, distance_column (k, ...) of a distance.
     """
 
     unknowns: list[Unknown]
@@ -73,8 +71,6 @@ class Unknowns:
     d: int
     camera_column: np.ndarray
     slot_column: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
     antenna_column: np.ndarray
     attitude_column: np.ndarray
     arm_column: np.ndarray
@@ -148,18 +144,12 @@ def unknowns_of(images: Images, stack: Stack, wanted: Wanted) -> Unknowns:
                 if not wanted.holds(ParameterId(LEVER_ARM, flight, name)):
                     arm_column[mine, axis] = len(shared)
                     shared.append(Unknown(LEVER_ARM, flight, name, unit="m", at=(g, axis)))
-    touched = np.concatenate([camera_column, slot_column], axis=1)
-    high = touched.max(axis=1, initial=-1) + 1
-    low = np.where(touched >= 0, touched, np.iinfo(np.int64).max).min(axis=1)
     return Unknowns(
         unknowns=shared,
         per_image_unknowns=own,
         d=6 + len(own),
         camera_column=camera_column,
         slot_column=slot_column,
-        # Whole panels, as the kernels take them; nothing at all where no column is touched.
-        low=np.where(high > 0, low // PANEL * PANEL, 0),
-        high=-(-high // PANEL) * PANEL,
         antenna_column=antenna_column,
         attitude_column=attitude_column,
         arm_column=arm_column,
@@ -198,19 +188,21 @@ def _columns_of(
         of_row = group_of_image(images, effect.group)
         moved = set(of_row[rows].tolist())
     out = np.full((len(of_row), len(member.parameters)), -1, np.int64)
-    for number, parameter in enumerate(member.parameters):
-        if effect.group == "image":
+    if effect.group == "image":
+        for number, parameter in enumerate(member.parameters):
             if not wanted.holds(ParameterId(EFFECT, effect.slug, parameter.name)):
                 out[:, number] = per_image_code(6 + len(own))
                 own.append((effect.slug, number))
-            continue
-        column = np.full(len(names), -1)
-        for g, group in enumerate(names):
+        return out
+    # Columns of one group stand together: an image has no others.
+    column = np.full((len(names) + 1, len(member.parameters)), -1)
+    for g, group in enumerate(names):
+        for number, parameter in enumerate(member.parameters):
             one = Unknown(EFFECT, effect.slug, parameter.name, group, parameter.unit, (g, number))
             if g in moved and not wanted.holds(one):
-                column[g] = len(shared)
+                column[g, number] = len(shared)
                 shared.append(one)
-        out[:, number] = np.where(of_row >= 0, column[of_row], -1)
+    out[:] = column[np.where(of_row >= 0, of_row, len(names))]
     return out
 
 

@@ -225,21 +225,22 @@ def with_rigid_poses(block):
     both = exposures_of(block)
     if not len(both.member):
         return block
-    mountings, names = mountings_of(block), block.images["camera"].tolist()
-    poses = block.poses.copy()
-    turned = rotation_from_quaternion(poses[:, 3:])
-    groups: dict[int, list[int]] = {}
-    for i, j in zip(both.base.tolist(), both.member.tolist(), strict=True):
-        groups.setdefault(i, [i]).append(j)
-    for rows in groups.values():
-        known = [row for row in rows if np.isfinite(poses[row]).all()]
-        for row in rows if known else ():
-            first = known[0]
-            if row != first:
-                place, against = relative(mountings[names[first]], mountings[names[row]])
-                poses[row, :3] = poses[first, :3] + turned[first].T @ place
-                turned[row] = against @ turned[first]
-                poses[row, 3:] = quaternion_from_rotation(turned[row])
+    poses, first = block.poses.copy(), np.full(len(block.images), -1)
+    base = np.unique(both.base)
+    of, rows = np.concatenate([base, both.base]), np.concatenate([base, both.member])
+    known = np.isfinite(poses[rows]).all(axis=1)
+    some, at = np.unique(of[known], return_index=True)
+    first[some] = rows[known][at]
+    move = (first[of] >= 0) & (first[of] != rows)
+    rows, first = rows[move], first[of][move]
+    cameras, number = np.unique(block.images["camera"].to_numpy(object), return_inverse=True)
+    mountings = mountings_of(block)
+    for one, other in set(map(tuple, number[np.stack([first, rows], axis=1)].tolist())):
+        place, against = relative(mountings[cameras[one]], mountings[cameras[other]])
+        mine = (number[first] == one) & (number[rows] == other)
+        turned = rotation_from_quaternion(poses[first[mine], 3:])
+        poses[rows[mine], :3] = poses[first[mine], :3] + place @ turned
+        poses[rows[mine], 3:] = quaternion_from_rotation(against @ turned)
     out = block.copy()
     out.put("images", POSE, poses)
     return out

@@ -39,11 +39,15 @@ class Factor(Protocol):
 
 
 class Engine(Protocol):
-    """For images with `d` unknowns; longest: the most rays of a point; sighted: whether effects on
-    the image see object points. A scene says which of its points are meant."""
+    """For images, or exposures, with `d` unknowns; longest: the most rays of a point; sighted:
+    whether effects on the image see object points. A scene says which of its points are meant.
+
+    `assemble` and `point_covariance` have the unknowns of exposures, `rows` and `substitute` those
+    of images."""
 
     name: str
     threads: int
+    d: int
 
     def __init__(self, d: int, longest: int, sighted: bool) -> None: ...
 

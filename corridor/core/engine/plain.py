@@ -333,6 +333,9 @@ class _Points:
     """
 
     def __init__(self, scene: Scene, d: int):
+        # Images of one exposure have the same unknowns (m,).
+        self.exposure = scene.columns.exposure
+        self.exposures = int(self.exposure[-1]) + 1
         length = _lengths(scene)
         self.count, self.start = len(length), np.concatenate([[0], np.cumsum(length)])
         self.of_ray = np.repeat(np.arange(self.count), length)
@@ -340,6 +343,9 @@ class _Points:
         self.own, self.shared, self.point = _rows(
             self.seen, _rays(scene).start - scene.looked.base, scene, d
         )
+        if len(scene.columns.hung):
+            lever, turn = scene.columns.hung[self.seen.image].reshape(-1, 2, 3, 3).swapaxes(0, 1)
+            self.own[:, :, 3:6] = self.own[:, :, :3] @ lever + self.own[:, :, 3:6] @ turn
         self.across = self.point.transpose(0, 2, 1)
         self.v = self.sum(self.across @ self.point)
         self.residual = self.sum(_times(self.across, self.seen.residual))
@@ -448,8 +454,8 @@ class Plain:
         follow = back @ points.shared_part(inverse)
         move = _times(back @ inverse, points.towards(points.residual, points.left))
         # J (rays, unknowns of images) and Y (points, the same), in three and two rows each.
-        size = len(scene.cameras.pose) * d
-        column = seen.image[:, None] * d + np.arange(d)
+        size = points.exposures * d
+        column = points.exposure[seen.image][:, None] * d + np.arange(d)
         J = _sparse(points.own, 2 * np.arange(len(column)), column, (2 * len(column), size))
         Y = _sparse(y, 3 * points.of_ray, column, (3 * points.count, size))
         # Control has three rows a point, of what is shared alone. What points follow is gone.
@@ -534,9 +540,10 @@ class Plain:
         inverse, _ = points.damped(0.0)
         y, z = points.images_part(inverse), points.shared_part(inverse)[:, :, :q]
         shared = known.shared.reshape(q, q)
-        across = known.poses_shared.reshape(len(scene.cameras.pose), d, q)
+        across = known.poses_shared.reshape(points.exposures, d, q)
+        image = points.exposure[points.seen.image]
         # Of Y and Z together with what is shared (count, 3, q).
-        with_shared = points.sum(y @ across[points.seen.image]) + z @ shared
+        with_shared = points.sum(y @ across[image]) + z @ shared
         every = slice(scene.first, scene.last)
         number = asked.number[every]
         some = np.flatnonzero(number >= 0)
@@ -546,15 +553,13 @@ class Plain:
             return
         size = np.diff(points.start)
         middle = np.eye(3) + with_shared @ z.transpose(0, 2, 1)
-        middle = middle + z @ points.sum(y @ across[points.seen.image]).transpose(0, 2, 1)
+        middle = middle + z @ points.sum(y @ across[image]).transpose(0, 2, 1)
         for m in np.unique(size[size > 0]).tolist():
             same = np.flatnonzero(size == m)
             step = max(_AT_ONCE // (m * d) ** 2, 1)
             for at in (same[k : k + step] for k in range(0, len(same), step)):
                 rays = points.start[at][:, None] + np.arange(m)
-                unknown = (points.seen.image[rays][:, :, None] * d + np.arange(d)).reshape(
-                    -1, m * d
-                )
+                unknown = (image[rays][:, :, None] * d + np.arange(d)).reshape(-1, m * d)
                 q_own = known.near.symmetric(unknown[:, :, None], unknown[:, None], d)
                 y_own = y[rays].transpose(0, 2, 1, 3).reshape(-1, 3, m * d)
                 middle[at] += y_own @ q_own @ y_own.transpose(0, 2, 1)

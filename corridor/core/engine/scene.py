@@ -77,17 +77,24 @@ class Columns(NamedTuple):
     """Number of the unknown behind each derivative: >= 0 shared, -1 held, <= -2 the image's own
     4 - number. source (m, wide): interior parameter behind each shared unknown, or 15; images of
     one camera (m,) have the same. slot (m, effects on camera, image, motion), ground (c, k);
-    low, high (m,): the panels of shared unknowns that an image touches; wide: how many there are,
-    in whole panels; used: how many any ray touches."""
+    first, last (m,): of the shared unknowns that an image touches; low, high (m,): their panels;
+    wide: how many there are, in whole panels; used: how many any ray touches. exposure (m,),
+    rising: of each image, to whose unknowns the assembly adds; hung (m, 18) or (0, 18): A and M,
+    row by row, with which an image moves by dC + A dr and M dr where its exposure moves by dC and
+    dr."""
 
     source: np.ndarray
     camera: np.ndarray
     slot: np.ndarray
     ground: np.ndarray
+    first: np.ndarray
+    last: np.ndarray
     low: np.ndarray
     high: np.ndarray
     wide: int
     used: int
+    exposure: np.ndarray
+    hung: np.ndarray
 
 
 class Control(NamedTuple):

@@ -256,7 +256,8 @@ def too_wide(system: LinearSystem, own: int) -> bool:
     Photographs of an area hang together across it, and a chain of them is hardly a chain.
     """
     p = system.problem
-    return p.image_count * own * (float(p.bandwidth) * own) ** 2 > _MOST_PRODUCTS
+    wide = p.bandwidth * p.image_count / p.exposure_count * own
+    return p.image_count * own * wide**2 > _MOST_PRODUCTS
 
 
 class Elimination:

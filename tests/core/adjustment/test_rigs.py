@@ -1,7 +1,6 @@
 """Cameras that hang together, against perfect flights and equations by code of its own."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -9,7 +8,7 @@ import pytest
 from rigged import HEAD, SIZE, F, exp, mounting, quaternion, rig_table, rigged_block
 
 import corridor
-from corridor.core.adjustment import Run, refit
+from corridor.core.adjustment import Covariance, Loss, Run, refit
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.normal import Normal
 from corridor.core.adjustment.ordering import corridor_order
@@ -164,6 +163,33 @@ class TestEquations:
             normal.assemble(problem.start, 0.0)
             matrices.append(normal.blocks.symmetric().toarray())
         assert matrices[0] == pytest.approx(matrices[1], rel=1e-12)
+
+    @pytest.mark.parametrize(("effects", "size"), [([], 6), (["focal@image"], 9)])
+    def test_an_exposure_has_one_pose(self, effects, size):
+        """And the focal lengths that its three images have for themselves."""
+        lacking = {(1, "left"), (4, "nadir")}
+        block = add_noise(rigged_block(exposures=6, points=400, lacking=lacking), **NOISE, seed=1)
+        found = corridor.adjust(block, lever_arm="fixed", effects=effects)
+        p, system = found.problem, LinearSystem(found.problem, found.state)
+        covariance = Covariance(system)
+        assert p.image_count == 16 and Normal(p, Loss()).blocks.n == size * 6
+        # Members stand where their exposure has them, and are as accurate as all equations say.
+        hung = rig_rows(p, found.state).residual
+        assert np.abs(hung).max() < 1e-12
+        each = covariance.each_pose
+        for image in range(p.image_count):
+            alone = covariance.poses(np.array([image]))
+            assert each[image] == pytest.approx(alone, abs=1e-9 * np.diag(alone).max())
+        together = np.flatnonzero(p.exposure == p.exposure[-1])
+        both = covariance.poses(together)
+        assert covariance.of_images(together) == pytest.approx(both, abs=1e-9 * both.max())
+        # N of images, in which they are held together to a micrometre, says the same.
+        size = np.sqrt(system.reference)
+        dense = np.linalg.inv(system.matrix.toarray() / size[:, None] / size) / size[:, None] / size
+        image = np.arange(p.d) + p.d * together[-1]
+        sigma = np.sqrt(np.diag(each[together[-1]]))
+        off = (dense[np.ix_(image, image)] - each[together[-1]]) / sigma[:, None] / sigma
+        assert np.abs(off).max() < 1e-4
 
     def test_sigmas_are_those_of_one_pose_an_exposure(self):
         """Equations by code of its own: six unknowns an exposure, six a member, three a point."""
@@ -362,15 +388,12 @@ class TestFiles:
             corridor.adjust(wrong)
 
 
-def test_the_band_counts_images_of_one_exposure():
+def test_exposures_of_cameras_that_look_ahead_are_in_order():
     """A camera that looks 20 exposures ahead, and shares no point with the one below."""
     count = 100
-    below, ahead = np.arange(count), np.arange(count, 2 * count)
-    image = np.concatenate([below[:-1], below[1:], ahead[:-1], ahead[1:]]).astype(np.int32)
-    point = np.concatenate([below[:-1]] * 2 + [ahead[:-1] - 1] * 2).astype(np.int32)
-    place = np.concatenate([np.arange(count - 1), 20 + np.arange(count - 1)])
-    xyz = place[:, None] * [1.0, 0.0, 0.0]
-    images = SimpleNamespace(names=np.arange(2 * count))
-    rank = np.argsort(corridor_order(point, image, xyz, images, (below, ahead)))
-    assert np.abs(rank[below] - rank[ahead]).max() <= 4
-    assert np.abs(rank[image[: count - 1]] - rank[image[count - 1 : 2 * count - 2]]).max() <= 4
+    exposure = np.arange(count)
+    image = np.tile(np.concatenate([exposure[:-1], exposure[1:]]), 2).astype(np.int32)
+    point = np.concatenate([exposure[:-1]] * 2 + [exposure[:-1] + count - 1] * 2).astype(np.int32)
+    place = np.concatenate([exposure[:-1], 20 + exposure[:-1]])
+    rank = np.argsort(corridor_order(point, image, place[:, None] * [1.0, 0.0, 0.0], count))
+    assert np.abs(np.diff(rank)).max() == 1

@@ -172,7 +172,8 @@ def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slu
     effects on the image change across the picture is known by steps of a pixel, a thousandth of it.
     That given heights which lean depend on where the point is, by that slope, is left out.
     That a shift in the camera's frame, here of centimetres at 60 m, turns with the image is left
-    out.
+    out. Members of a rig hang together exactly, and to a micrometre in the dense equations: beside
+    sigmas of a millimetre half a millionth.
     """
     block = flown(slugs, images=6, observations=24, control=4, check=2)
     values = at_scale(block, slugs)
@@ -202,5 +203,6 @@ def test_adjusted_values_and_sigmas_are_those_of_numeric_dense_least_squares(slu
         ]
     )
     leaning = any(effect.slug == "control_tilt" for effect in chosen)
-    limit = 1e-3 if shifted or leaning else 1e-5 if sloping else 1e-7
+    hanging = len(found.problem.rig_image)
+    limit = 1e-3 if shifted or leaning else 1e-5 if sloping else 2e-6 if hanging else 1e-7
     assert np.abs(ours / dense.sigma - 1).max() < limit

@@ -3,6 +3,7 @@
 No Jacobian is stored. Points are sorted by their images, images along the corridor, so that a
 point touches a few neighbouring columns of a band matrix and few shared unknowns. Each image has
 `d` unknowns (centre 3, rotation 3, effects of its own); cameras, effects and lever arms are shared.
+Images of one exposure of a rig have the same unknowns, and stand here as one.
 
 For one point let J be its rays' Jacobian rows by images, B those by what is shared, P by the point,
 and V = P'P (with damping and control) = L L'. With Y = L^-1 P'J, Z = L^-1 P'B, n = L^-1 P'e the
@@ -278,6 +279,18 @@ def block_offset(i, j, t, d, storage):
 
 
 @njit(**UNWRAPPED)
+def exposure_of(o, scene):
+    """The exposure of the image of ray o."""
+    return scene.columns.exposure[U(scene.observations.image[U(o)])]
+
+
+@njit(**UNWRAPPED)
+def leads(k, start, scene):
+    """Whether ray k of those from `start` on is the first of its exposure: others follow it."""
+    return k == 0 or exposure_of(start + k, scene) != exposure_of(start + k - 1, scene)
+
+
+@njit(**UNWRAPPED)
 def group_size(p, last, scene):
     """How many points from p on, `GROUP` at most, the same images see; a given one stands alone."""
     start, img, given = scene.observations.start, scene.observations.image, scene.control.row
@@ -386,7 +399,9 @@ def _eliminate(p, place, span, scene, damping, equations, totals, room, work, ki
     totals[2] += weak
     right = i0 * gp0, i1 * gp0 + i2 * gp1, i3 * gp0 + i4 * gp1 + i5 * gp2
 
-    # T = P L^-T of each ray, what the point leaves of its residuals, and Y.
+    # T = P L^-T of each ray, what the point leaves of its residuals, and Y, which rays of one
+    # exposure have together.
+    lead = np.int64(0)
     for k in range(m):
         j0, at = j_first + U(2 * k * row), p_first + U(2 * k) * p_next
         j1 = j0 + U(row)
@@ -399,16 +414,21 @@ def _eliminate(p, place, span, scene, damping, equations, totals, room, work, ki
         at += U(4)
         part[at], part[at + U(1)], part[at + U(2)], part[at + U(3)] = b[0], b[1], b[2], e1
         if not equations.matrix:
-            i = img[U(start + k)]
+            i = exposure_of(start + k, scene)
             t = i if i < equations.split else i + equations.extra
             for r in range(d):
                 more = own[j0 + U(r)] * e0 + own[j1 + U(r)] * e1
                 equations.gradient[U(t * d + r)] += more
             continue
-        at = U((k * GROUP + waiting) * 3 * row)
+        follows = not leads(k, start, scene)
+        lead = lead if follows else k
+        at = U((lead * GROUP + waiting) * 3 * row)
         for x in range(0, row, PANEL):
             f, g = panel(own, j0 + U(x)), panel(own, j1 + U(x))
             y0, y1, y2 = a[0] * f + b[0] * g, a[1] * f + b[1] * g, a[2] * f + b[2] * g
+            if follows:
+                y0, y1 = y0 + panel(work.y, at + U(x)), y1 + panel(work.y, at + U(row + x))
+                y2 = y2 + panel(work.y, at + U(2 * row + x))
             if x == last_panel:
                 y0 = with_lane(y0, at_e, right[0])
                 y1 = with_lane(y1, at_e, right[1])
@@ -421,6 +441,9 @@ def _eliminate(p, place, span, scene, damping, equations, totals, room, work, ki
         gradient, squares = zeros(), zeros()
         w0, w1, w2 = zeros(), zeros(), zeros()
         for k in range(2 * m):
+            i = U(img[U(start + k // 2)])
+            if x + PANEL <= columns.low[i] or x >= columns.high[i]:
+                continue
             s = panel(shared, b_first + U(k) * q + U(x))
             gradient = plus(gradient, part[U(4 * k + 3)], s)
             squares = squares + s * s
@@ -473,7 +496,7 @@ def _add_group(p, place, span, scene, equations, room, work, d):
     first, m, points = place
     row = inner_row_length(d)
     lo, hi = span
-    img, start = scene.observations.image, scene.observations.start[p]
+    start, img, columns = scene.observations.start[p], scene.observations.image, scene.columns
     storage, matrix = equations.storage, equations.storage.flat
     own, y, left = room.own, work.y, work.left
     q, stride = U(scene.columns.wide), U(storage.stride)
@@ -482,7 +505,7 @@ def _add_group(p, place, span, scene, equations, room, work, d):
     apart_s = U(2 * m * row), U(2 * m) * q
     rows = 3 * points
     for k in range(m):
-        i = img[U(start + k)]
+        i, led = exposure_of(start + k, scene), leads(k, start, scene)
         t = i if i < equations.split else i + equations.extra
         jk, sk = U(2 * (first + k) * row), U(2 * (first + k)) * q
         yk = U(k * GROUP * 3 * row)
@@ -493,15 +516,19 @@ def _add_group(p, place, span, scene, equations, room, work, d):
             for x in range(0, row, PANEL):
                 j_x, y_x = Strided(own, jk + U(x), j_next), Strided(y, yk + U(x), y_next)
                 mine = _products_of_pairs(_no_products(), j_c, j_x, apart_j, points)
-                gone = _products(_no_products(), y_c, y_x, rows)
+                gone = _no_products()
+                if led:
+                    gone = _products(gone, y_c, y_x, rows)
                 _add_own(equations, t * d + c, at, mine, gone, these, (c, x, d))
             for x in range(lo, hi, PANEL):
                 s_x = Strided(left, sk + U(x), q)
                 sums = _products_of_pairs(_no_products(), j_c, s_x, apart_s, points)
                 to = U(t * d + c) * q + U(x)
                 _add_products(equations.cross, to, q, sums, these, U(PANEL), 1.0)
-        for n in range(k + 1, m):
-            at = block_offset(i, img[U(start + n)], t, d, storage)
+        for n in range(k + 1, m if led else k):
+            if not leads(n, start, scene):
+                continue
+            at = block_offset(i, exposure_of(start + n, scene), t, d, storage)
             yn = U(n * GROUP * 3 * row)
             for c in range(0, d, 6):
                 y_c = Strided(y, yk + U(c), y_next)
@@ -512,11 +539,27 @@ def _add_group(p, place, span, scene, equations, room, work, d):
                     these = min(6, d - c)
                     _add_products(matrix, to, stride, sums, these, U(min(PANEL, d - x)), -1.0)
     b_first = U(2 * first) * q
+    # Whether all rays touch the same columns: mountings are each of one camera of a rig alone.
+    alike = True
+    for k in range(m):
+        i, j = U(img[U(start + k)]), U(img[U(start)])
+        alike = (
+            alike and columns.first[i] == columns.first[j] and columns.last[i] == columns.last[j]
+        )
     for c in range(lo, min(hi, scene.columns.used), 6):
         b_c = Strided(room.shared, b_first + U(c), q)
         for x in range(lo, min(hi, c + 6), PANEL):
             s_x = Strided(left, b_first + U(x), q)
-            sums = _products(_no_products(), b_c, s_x, 2 * m * points)
+            if alike:
+                sums = _products(_no_products(), b_c, s_x, 2 * m * points)
+            else:
+                sums = _no_products()
+                for k in range(m):
+                    i, at = U(img[U(start + k)]), U(2 * k) * q
+                    if columns.first[i] < c + 6 and columns.last[i] >= c:
+                        b_k = Strided(room.shared, b_c.at + at, q)
+                        s_k = Strided(left, s_x.at + at, q)
+                        sums = _products_of_pairs(sums, b_k, s_k, (apart_s[1], apart_s[1]), points)
             _add_products(
                 equations.block, U(c) * q + U(x), q, sums, min(6, hi - c), U(PANEL), 1.0
             )  # fmt: skip

@@ -17,8 +17,10 @@ from corridor.core.engine.panels.kernels import (
     BLOCK,
     GROUP,
     block_offset,
+    exposure_of,
     group_size,
     invert_cholesky,
+    leads,
 )
 from corridor.core.engine.panels.lanes import panel, plus, put, same, transposed, zeros
 from corridor.core.engine.panels.rays import U, aligned, fill_rows, make_room, put_rows
@@ -167,8 +169,10 @@ def _fill(p, n, m, count, scene, d, room, together):
     inverse = _root(together)
     for c in range(3 * columns.wide):
         put(shared, U(c * PANEL), zeros())
+    e = np.int64(-1)
     for k in range(m):
-        i = image[U(start + k)]
+        i, led = image[U(start + k)], leads(k, start, scene)
+        e += 1 if led else 0
         for half in range(2):
             r = U(2 * (n + k) + half)
             a0, a1, a2, _, _, _, _, _ = _of_points(
@@ -177,7 +181,8 @@ def _fill(p, n, m, count, scene, d, room, together):
             t = _half(inverse, (-a0, -a1, -a2))
             for x in range(0, d, PANEL):
                 j = _of_points(room.own, r * row + U(x), U(2 * m) * row, count)
-                _add_outer(own, U((k * d + x) * ROW), t, j, min(PANEL, d - x), half == 0)
+                anew = led and half == 0
+                _add_outer(own, U((e * d + x) * ROW), t, j, min(PANEL, d - x), anew)
             for x in range(columns.low[i], columns.high[i], PANEL):
                 j = _of_points(room.shared, r * wide + U(x), U(2 * m) * wide, count)
                 _add_outer(shared, U(x * ROW), t, j, PANEL, False)
@@ -262,13 +267,22 @@ def _products(start, m, scene, d, known, together):
     """1 + Y Q Y' of points that the same m images see, the first ray of one being `start`."""
     near, q = known.near.flat, known.q
     stride, block = U(known.near.stride), together.block
-    own, shared, image = together.own, together.shared, scene.observations.image
+    own, shared = together.own, together.shared
     zero = zeros()
     s = zero, zero, zero, zero, zero, zero
-    for k in range(m):
-        i = image[U(start + k)]
-        for n in range(k, m):
-            block[U(n)] = block_offset(i, image[U(start + n)], i, d, known.near)
+    # Exposures, one for all rays that they have.
+    k = np.int64(-1)
+    for ray in range(m):
+        if not leads(ray, start, scene):
+            continue
+        k += 1
+        i, last = exposure_of(start + ray, scene), k
+        for other in range(ray, m):
+            if leads(other, start, scene):
+                block[U(last)] = block_offset(
+                    i, exposure_of(start + other, scene), i, d, known.near
+                )
+                last += 1
         for c in range(0, d, 3):
             # Half of the image's own block, of which there is half: what follows is symmetric.
             c1, c2 = min(c + 1, d - 1), min(c + 2, d - 1)
@@ -281,7 +295,7 @@ def _products(start, m, scene, d, known, together):
             first = i * d
             at = U((first + c) * q), U((first + c1) * q), U((first + c2) * q)
             sums = _add_columns(sums, known.poses_shared, at, shared, np.int64(0), q)
-            for n in range(k + 1, m):
+            for n in range(k + 1, last):
                 at = U(block[U(n)])
                 at = at + U(c) * stride, at + U(c1) * stride, at + U(c2) * stride
                 sums = _add_columns(sums, near, at, own, n * d, d)
@@ -314,15 +328,18 @@ def _half_column(values, at, y, first, c, count):
 def _with_shared(column, start, m, scene, d, known, together):
     """Covariance of points that the same m images see with a shared unknown: three panels."""
     q = known.q
-    image, own, shared = scene.observations.image, together.own, together.shared
-    s = _nothing()
+    own, shared = together.own, together.shared
+    s, e = _nothing(), np.int64(-1)
     for b in range(q):
         s = _plus_three(s, known.shared[U(b * q + column)], _three(shared, U(b * ROW)))
     for k in range(m):
-        first = image[U(start + k)] * d
+        if not leads(k, start, scene):
+            continue
+        e += 1
+        first = exposure_of(start + k, scene) * d
         for c in range(d):
             f = known.poses_shared[U((first + c) * q + column)]
-            s = _plus_three(s, f, _three(own, U((k * d + c) * ROW)))
+            s = _plus_three(s, f, _three(own, U((e * d + c) * ROW)))
     a, b, c = _other_half(_root(together), s)
     return -a, -b, -c
 

@@ -718,8 +718,25 @@ def fill_rows(first, last, scene, room, span, d):
         seen, square = see(at, start[first], n, scene, room)
         cost += square
         ray_rows(seen, at, start[first], n, scene, room, span, d)
+        if scene.columns.hung.shape[0] > 0:
+            _hang(at, n, scene, room, d)
         behind += hidden(seen, at, n)
     return total(cost), behind
+
+
+@njit(**UNWRAPPED)
+def _hang(n, count, scene, room, d):
+    """Make of eight rays' derivatives by the poses of their images those by their exposures'."""
+    own, hung, row = room.own, scene.columns.hung, inner_row_length(d)
+    for k in range(min(PANEL, count - n)):
+        i = U(room.image[U(n + k)])
+        for half in range(2):
+            at = U((2 * (n + k) + half) * row)
+            (c0, c1, c2), (t0, t1, t2) = three(own, at), three(own, at + U(3))
+            for c in range(3):
+                lever = c0 * hung[i, U(c)] + c1 * hung[i, U(c + 3)] + c2 * hung[i, U(c + 6)]
+                turn = t0 * hung[i, U(c + 9)] + t1 * hung[i, U(c + 12)] + t2 * hung[i, U(c + 15)]
+                own[at + U(c + 3)] = lever + turn
 
 
 @njit(**UNWRAPPED)
