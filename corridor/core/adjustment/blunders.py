@@ -289,7 +289,7 @@ def _shown(block: Block, pose: np.ndarray, row: int) -> bool:
         seen = project(place, pose[image, :3], turn, camera.interior)[0]
         away = np.linalg.norm(seen - block.numbers("marks", "x", "y")[k])
         off.append(away / min(camera.width, camera.height))
-    return len(off) > 2 and bool(np.nanmedian(off) < _ALIKE)
+    return len(off) > 2 and bool(np.median(np.nan_to_num(off, nan=np.inf)) < _ALIKE)
 
 
 def exchanged_points(given: np.ndarray, seen: np.ndarray) -> list[tuple[int, int]]:

@@ -177,8 +177,10 @@ def _without_images(
     """
     lone = (found.start.gnss_sigma() > before.start.gnss_sigma()).any(axis=1)
     doubted = set(found.start.gnss["image"][lone].astype(str))
-    block, gone, told, worse = before.start, [], [], 1.0
-    while (odd := _odd_image(found, doubted)) is not None:
+    block, worse = before.start, 1.0
+    gone: list[str] = []
+    told: list[str] = []
+    while (odd := _odd_image(found, doubted, again)) is not None:
         if len(gone) >= max(_LONE * len(before.start.images), 1.0):
             return None
         gone.append(odd[0])
@@ -201,10 +203,13 @@ def _without_images(
     return found
 
 
-def _odd_image(found: Adjustment, doubted: set[str]) -> tuple[str, float] | None:
+def _odd_image(
+    found: Adjustment, doubted: set[str], again: Again | None = None
+) -> tuple[str, float] | None:
     """The image whose tie points fit far worse than those of others, and by what; None: none does.
 
-    doubted: images whose positions contradict all others too, which makes less enough.
+    doubted: images whose positions contradict all others too, which makes less enough. again: asked
+    for a robust fit where squares have shared out what one image may miss by.
     """
     ties = found.residuals["tie"]
     length = np.hypot(ties["vx"], ties["vy"]) / ties["sigma"]
@@ -216,8 +221,14 @@ def _odd_image(found: Adjustment, doubted: set[str]) -> tuple[str, float] | None
     above = size - size.median()
     scale, name = robust_scale(above.to_numpy()), str(above.idxmax())
     sigmas, least = (_FEW, 1.0) if name in doubted else (OUTLIER, CONTRADICTING_FACTOR)
-    if above[name] < max(sigmas * scale, np.log(least)):
+    if above[name] < np.log(least):
         return None
+    if above[name] < sigmas * scale:
+        model = replace(found.problem.model, loss=NO_SAY)
+        robust = (
+            where_it_leads(again, found.start, model) if again and name not in doubted else None
+        )
+        return _odd_image(robust, doubted) if robust else None
     return name, float(np.exp(above[name]))
 
 

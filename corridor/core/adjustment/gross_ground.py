@@ -8,6 +8,7 @@ which others lie elsewhere.
 Source: Rousseeuw and Leroy 1987 (least median of squares, by samples of as few points as it takes).
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import combinations, islice
 
@@ -64,9 +65,10 @@ def with_ground_apart(
     start, off = block, np.zeros(len(used), bool)
     # Points that lie elsewhere draw marks of the others, where no GNSS holds the block.
     for _ in range(1 if placed else 2):
-        loose = where_it_leads(again, with_mark_sigma(start, factor), robust)
-        if loose is None:
+        ended = where_it_leads(again, with_mark_sigma(start, factor), robust)
+        if ended is None:
             return None, []
+        loose = ended
         wrong = loose.residuals["mark"][wrong_marks(loose.residuals["mark"], 0.0)]
         sound = without_marks(block, wrong)
         away = given - _seen(sound, loose)[used]
@@ -116,7 +118,7 @@ def _off(
     if count < least:
         return out, rival
     half = max((count + 1) // 2, least - 1)
-    samples = combinations(range(count), 1 if placed else 3)
+    samples: Iterable[tuple] = combinations(range(count), 1 if placed else 3)
     if not placed and count > 12:
         draw = np.random.default_rng(count)
         samples = (tuple(draw.choice(count, 3, replace=False)) for _ in range(_SAMPLES))
