@@ -43,6 +43,12 @@ except corridor.CorridorError as error:
 """
 
 
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """What mypy remembers of modules: all questions are asked of the same ones."""
+    return str(tmp_path_factory.mktemp("kept"))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("script", "wrong"),
@@ -56,12 +62,12 @@ except corridor.CorridorError as error:
     ],
     ids=["a user's script", "an option that there is not", "a result that there is not"],
 )
-def test_mypy_understands_a_users_script(script, wrong, tmp_path):
+def test_mypy_understands_a_users_script(script, wrong, tmp_path, kept):
     api = pytest.importorskip("mypy.api", reason="mypy is not installed")
     (tmp_path / "script.py").write_text(script, encoding="utf-8")
     words = ["--ignore-missing-imports", "--follow-imports", "silent", "--no-error-summary"]
     told, fault, status = api.run(
-        [*words, "--python-executable", sys.executable, "--cache-dir", str(tmp_path / "kept"),
+        [*words, "--python-executable", sys.executable, "--cache-dir", kept,
          str(tmp_path / "script.py")]
     )  # fmt: skip
     assert not fault
@@ -69,12 +75,12 @@ def test_mypy_understands_a_users_script(script, wrong, tmp_path):
 
 
 @pytest.mark.slow
-def test_mypy_finds_no_error_in_the_core(tmp_path):
+def test_mypy_finds_no_error_in_the_core(kept):
     """Kernels that numba types are left out, as pyproject.toml says."""
     api = pytest.importorskip("mypy.api", reason="mypy is not installed")
     told, fault, status = api.run(
         ["--config-file", str(ROOT / "pyproject.toml"), "--follow-imports", "silent",
-         "--python-executable", sys.executable, "--cache-dir", str(tmp_path / "kept"),
+         "--python-executable", sys.executable, "--cache-dir", kept,
          str(ROOT / "corridor" / "core")]
     )  # fmt: skip
     assert not fault

@@ -143,7 +143,7 @@ def _diagnose(
     block, turned = with_turns_as_seen(block, again)
     block, other = without_impossible_points(block, run.strict)
     block, left_out = adjustable_part_as_seen(block, model, again, run.strict)
-    doubtful = [*turned, *other, *plausibility_warnings(block)]
+    doubtful = [*turned, *other, *plausibility_warnings(block, without=True)]
     notes = [*left_out, *notes]
     believed = ReferenceModel.of(block, model, run)
     try:

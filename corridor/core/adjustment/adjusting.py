@@ -177,7 +177,7 @@ def adjust(
     block, turned = with_turns_as_seen(block, again)
     block, other = without_impossible_points(block, run.strict)
     block, left_out = adjustable_part_as_seen(block, model, again, run.strict)
-    doubtful = [*turned, *other, *plausibility_warnings(block)]
+    doubtful = [*turned, *other, *plausibility_warnings(block, without=True)]
 
     def whole(part: Block) -> Adjustment:
         found = _without_gross_errors(part, model, again, weights == "marks")

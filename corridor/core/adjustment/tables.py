@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 
+from corridor.core.adjustment.blunders import exchanged_points, where_seen
 from corridor.core.adjustment.check_statistics import Checked
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.distances import END, table_of, wrong_of
@@ -558,6 +559,20 @@ class Tables(Checked):
         # Along what nothing determines the equations hold a point still: that is no zero.
         sigma[~(sigma > 0).all(axis=1)] = np.nan
         return sigma
+
+    @cached_property
+    def exchanged(self) -> list[tuple[str, str]]:
+        """Pairs of ground points each of which lies where the other was surveyed."""
+        control, check = self.residuals["control"], self.check_points
+        names = [*self.system.control_names, *check["point"]]
+        off = len(control) and control["outlier"].any()
+        if len(names) < 2 or not (off or len(check)):
+            return []
+        block = self.problem.block
+        rows = pd.Index(block.ground["point"]).get_indexer(names)
+        seen = where_seen(block, self.pose, self.state.interior)[rows]
+        pairs = exchanged_points(block.numbers("ground", *"xyz")[rows], seen)
+        return [(names[i], names[j]) for i, j in pairs]
 
     @cached_property
     def check_points(self) -> pd.DataFrame:

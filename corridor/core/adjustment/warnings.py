@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from corridor.core.adjustment.blunders import exchanged_points, told_exchanged, where_seen
+from corridor.core.adjustment.blunders import told_exchanged
 from corridor.core.adjustment.tables import Tables
 from corridor.core.camera import project_rays
 from corridor.core.effects import Without, every_effect
@@ -66,7 +66,8 @@ def grave(adjustment: Tables) -> list[str]:
 
 def implausible(adjustment: Tables) -> list[str]:
     """Sentences on results that tell of a mistake in the block, and on which."""
-    return [*_exchanged(adjustment), *_strange_camera(adjustment), *_long_arm(adjustment)]
+    pairs = (told_exchanged(*pair) for pair in adjustment.exchanged)
+    return [*pairs, *_strange_camera(adjustment), *_long_arm(adjustment)]
 
 
 def _convergence(a):
@@ -179,20 +180,6 @@ def different_arms(a: Tables) -> Iterator[str]:
             "another antenna height, or is its focal length another one? A shutter or a clock that "
             "is missing from the model does the same: `corridor diagnose` finds out."
         )
-
-
-def _exchanged(a):
-    """Pairs of ground points each of which lies where the other was surveyed."""
-    control, check = a.residuals["control"], a.check_points
-    names = [*a.system.control_names, *check["point"]]
-    off = len(control) and control["outlier"].any()
-    if len(names) < 2 or not (off or len(check)):
-        return
-    block = a.problem.block
-    rows = pd.Index(block.ground["point"]).get_indexer(names)
-    seen = where_seen(block, a.pose, a.state.interior)[rows]
-    for i, j in exchanged_points(block.numbers("ground", *"xyz")[rows], seen):
-        yield told_exchanged(names[i], names[j])
 
 
 def _beside_a_diagnosis(a):

@@ -289,6 +289,10 @@ class AlongAxes(LinearEffect):
         """Each axis by the terms."""
         return along_each(self.terms(context), PLACES[self.place])
 
+    def moved(self, context: Context, values: np.ndarray) -> np.ndarray:
+        """Shift (rows, dimension) by the terms times values (k, dimension) of all rows."""
+        return self.terms(context) @ values
+
 
 def linear(derivative: np.ndarray, values: np.ndarray) -> np.ndarray:
     """Shift (rows, dimension): derivative (rows, dimension, parameters) times values."""

@@ -48,11 +48,23 @@ def surface(at: np.ndarray, columns: int, rows: int) -> np.ndarray:
     or linear in x and y is no sum of them: turning the camera in its mount does nearly the same
     to every image, and the poses cannot be told from it.
     """
-    across, down = (
-        _splines(at[:, k], _even(count), count) for k, count in enumerate((columns, rows))
-    )
+    across, down = _across_and_down(at, columns, rows)
     tensor = (down[:, :, None] * across[:, None, :]).reshape(len(at), rows * columns)
     return tensor @ _bent(columns, rows)
+
+
+def on_surface(at: np.ndarray, values: np.ndarray, columns: int, rows: int) -> np.ndarray:
+    """`surface` times values (columns * rows - 3, k), a tenth of the work: (n, k)."""
+    across, down = _across_and_down(at, columns, rows)
+    grid = _bent(columns, rows) @ values
+    by_column = (down @ grid.reshape(rows, -1)).reshape(len(at), columns, values.shape[1])
+    return np.einsum("nc,nck->nk", across, by_column)
+
+
+def _across_and_down(at: np.ndarray, columns: int, rows: int) -> list[np.ndarray]:
+    """B-splines (n, columns) and (n, rows) of places (n, 2)."""
+    counts = enumerate((columns, rows))
+    return [_splines(at[:, k], _even(count), count) for k, count in counts]
 
 
 @cache

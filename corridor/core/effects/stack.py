@@ -90,16 +90,25 @@ class Stack:
         The derivative (rows, dimension, parameters of all members at the place) is by the values
         of each row's own group. Raises InputError where an image lacks what an effect needs.
         """
-        members = self.at(place)
-        if len(members) == 1:
+        members, rows = self.at(place), len(context)
+        if len(members) == 1 and not isinstance(members[0].effect, AlongAxes):
             return self._one(members[0], context, values)
-        total = np.zeros((len(context), PLACES[place]))
-        parts = [np.zeros((len(context), PLACES[place], 0))]
+        total = np.zeros((rows, PLACES[place]))
+        derivative = np.zeros((rows, PLACES[place], sum(len(m.parameters) for m in members)))
+        first = 0
         for member in members:
-            shift, derivative = self._one(member, context, values)
+            mine = derivative[:, :, first : first + len(member.parameters)]
+            first += len(member.parameters)
+            alike = _moves_alike(member, values)
+            terms = alike[0].terms(context) if alike else None
+            if alike is None or terms is None or np.isnan(terms.sum()):
+                shift, mine[:] = self._one(member, context, values)
+            else:
+                shift, k = terms @ alike[1], terms.shape[1]
+                for axis in range(PLACES[place]):
+                    mine[:, axis, axis * k : (axis + 1) * k] = terms
             total += shift
-            parts.append(derivative)
-        return total, np.concatenate(parts, axis=2)
+        return total, derivative
 
     def shift(self, place: str, context: Context, values: Arrays) -> np.ndarray:
         """Sum of the shifts (rows, dimension) at a place, as of `evaluate`.
@@ -117,11 +126,10 @@ class Stack:
 
         A shape has a hundred columns in that, which weigh more than all else.
         """
-        effect, mine = member.effect, values[member.effect.slug]
-        if isinstance(effect, AlongAxes) and len(mine) == 1:
-            terms = effect.terms(context)
-            if not np.isnan(terms.sum()):
-                return terms @ mine.reshape(PLACES[effect.place], -1).T
+        if alike := _moves_alike(member, values):
+            shift = alike[0].moved(context, alike[1])
+            if not np.isnan(shift.sum()):
+                return shift
         return self._one(member, context, values)[0]
 
     def moved_ground(
@@ -212,6 +220,14 @@ def _check_shapes(effect: Effect, shift, derivative, size: tuple[int, int]) -> N
                 f"{effect.place} wants {wanted} (rows, dimension"
                 f"{', parameters' * (len(wanted) == 3)})"
             )
+
+
+def _moves_alike(member: Member, values: Arrays) -> tuple[AlongAxes, np.ndarray] | None:
+    """An effect that moves each axis of all rows by the same terms, with its values (k, axes)."""
+    effect, mine = member.effect, values[member.effect.slug]
+    if not isinstance(effect, AlongAxes) or len(mine) != 1:
+        return None
+    return effect, mine.reshape(PLACES[effect.place], -1).T
 
 
 def check_needs(block: Block, effects: list[Effect]) -> None:

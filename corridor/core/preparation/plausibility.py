@@ -71,15 +71,18 @@ AXES = (
 _REMEDY = "x is east, y north, in metres less the block's offset."
 
 
-def plausibility_warnings(block: Block) -> list[str]:
-    """Sentences on what is probably a mistake in a block, the gravest first."""
+def plausibility_warnings(block: Block, without: bool = False) -> list[str]:
+    """Sentences on what is probably a mistake in a block, the gravest first.
+
+    without: whether it is what `without_impossible_points` left, which told the rest.
+    """
     return [
         *earth_warnings(block),
         *_positions(block),
         *_pictures(block),
         *_twice(block),
         *(list(mirrored(block)) or turned_images(block)),
-        *without_impossible_points(block)[1],
+        *([] if without else without_impossible_points(block)[1]),
         *_settings(block),
         *_units(block),
         *rig_warnings(block),
@@ -135,9 +138,10 @@ def _twice(block: Block) -> Iterator[str]:
     ties = block.tie_points
     some_points = ties["point"].cat.codes % (1 + len(ties) // _ENOUGH) == 0
     ties = ties.loc[some_points, ["image", "point", "x", "y"]]
-    same = ties.duplicated(["point", "x", "y"], keep=False)
-    of = same[same].groupby(ties["image"].astype(str)).sum() / ties["image"].value_counts()
-    names = sorted(of.index[of > _CLEAR].astype(str))
+    image, called = ties["image"].cat.codes.to_numpy(), ties["image"].cat.categories
+    same = ties.duplicated(["point", "x", "y"], keep=False).to_numpy()
+    of, seen = (np.bincount(rows, minlength=len(called)) for rows in (image[same], image))
+    names = sorted(called[of > _CLEAR * seen].astype(str))
     if names:
         yield (
             f"{len(names)} images ({some(names, 4)}) have their points at the very pixels of "

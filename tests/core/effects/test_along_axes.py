@@ -24,6 +24,11 @@ def test_the_shift_alone_is_that_beside_the_derivative(slug):
     whole, derivative = stack.evaluate("image", seen, values)
     assert derivative.shape[1] == 2 and np.abs(whole).max() > 0.0
     assert stack.shift("image", seen, values) == pytest.approx(whole, rel=1e-12, abs=1e-12)
+    form, mine = stack.members[slug].effect, values[slug]
+    of_group = mine[seen.group(form.group)] if form.group != "block" else mine
+    moved, slope = form.shift(seen, of_group)
+    assert whole == pytest.approx(moved, rel=1e-12, abs=1e-12)
+    assert np.array_equal(derivative, slope)
 
 
 def test_there_are_some():

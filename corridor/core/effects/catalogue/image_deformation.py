@@ -4,7 +4,7 @@ Source: this project (a shape for what no named effect explains).
 """
 
 from corridor.core.effects.contract import AlongAxes, Parameter
-from corridor.core.effects.splines import surface
+from corridor.core.effects.splines import on_surface, surface
 
 COLUMNS, ROWS = 9, 7
 
@@ -27,4 +27,12 @@ class ImageDeformation(AlongAxes):
 
     def terms(self, context):
         """dx = sum x_k surface_k(x, y), dy alike; x, y from -1 to 1 over the picture."""
-        return surface(2.0 * context.pixel / (context.size - 1) - 1.0, COLUMNS, ROWS)
+        return surface(_place(context), COLUMNS, ROWS)
+
+    def moved(self, context, values):
+        return on_surface(_place(context), values, COLUMNS, ROWS)
+
+
+def _place(context):
+    """Where in their picture (rows, 2) points lie, from -1 to 1."""
+    return 2.0 * context.pixel / (context.size - 1) - 1.0

@@ -34,9 +34,25 @@ class ImageSteps(AlongAxes):
         sides = [_side(share[:, 0], UPRIGHT), _side(share[:, 1], LEVEL)]
         return np.hstack(sides)
 
+    def moved(self, context, values):
+        share = context.pixel / (context.size - 1)
+        return _moved(share[:, 0], values[:UPRIGHT]) + _moved(share[:, 1], values[UPRIGHT:])
+
 
 def _side(share: np.ndarray, lines: int) -> np.ndarray:
     """-1/2 before each line, 1/2 behind it, with a smooth rise (n, lines)."""
-    away = share[:, None] * (lines + 1) - np.arange(1, lines + 1)
+    return _risen(share[:, None] * (lines + 1) - np.arange(1, lines + 1))
+
+
+def _risen(away: np.ndarray) -> np.ndarray:
     t = np.clip(away / RISE + 0.5, 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t) - 0.5
+
+
+def _moved(share: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Sides times values (lines, 2): of all lines but the nearest a place (n,) is on one side."""
+    at = share * (len(values) + 1)
+    nearest = np.clip(np.rint(np.nan_to_num(at)), 1, len(values)).astype(int)
+    behind = np.cumsum(values, axis=0)
+    others = behind - values / 2.0 - behind[-1] / 2.0
+    return others[nearest - 1] + _risen(at - nearest)[:, None] * values[nearest - 1]
