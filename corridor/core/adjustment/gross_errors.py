@@ -87,6 +87,13 @@ def begun_with_sound_positions(block: Block, model: Model, again: Again) -> Adju
                 return first
             most = OF_THREE * CONTRADICTING_FACTOR
     held = where_it_leads(again, block, replace(model, camera="fixed", lever_arm="fixed"))
+    if held and most == np.inf:
+        # An image that misses may make what it likes of a focal length that nothing else shows.
+        told: list[str] = []
+        whole = _without_images(held, held, again, told, model)
+        if whole is not None:
+            whole.add_note(*told)
+            return whole
     # The free camera is that of the block where the positions are off by less.
     for begun in (held,) if isinstance(first, Exception) or most == np.inf else (first, held):
         notes: list[str] = []
@@ -106,7 +113,8 @@ def _with_ground_apart(
     found, notes = with_ground_apart(block, model, again)
     if found is None and notes and not isinstance(first, Exception):
         first.add_note(*notes)
-    if found is None or implausible(found):
+    # Exchanged points that are set aside are exchanged still.
+    if found is None or len(implausible(found)) > len(found.exchanged):
         return first
     if not isinstance(first, Exception) and first.converged and not implausible(first):
         gone = len(block.marks) - len(found.start.marks)
@@ -168,15 +176,21 @@ def _without_positions(
 
 
 def _without_images(
-    before: Adjustment, found: Adjustment, again: Again, notes: list[str]
+    before: Adjustment,
+    found: Adjustment,
+    again: Again,
+    notes: list[str],
+    free: Model | None = None,
 ) -> Adjustment | None:
     """Adjusted from where all began without the few images whose own tie points fit far worse than
     those of others, in place of what is found; None where there are none.
 
-    found: with their positions set aside, which such an image draws with it.
+    found: with their positions set aside, which such an image draws with it. free: the model to go
+    on with, where both are of one whose camera and arm are held.
     """
     lone = (found.start.gnss_sigma() > before.start.gnss_sigma()).any(axis=1)
     doubted = set(found.start.gnss["image"][lone].astype(str))
+    model = free or before.problem.model
     block, worse = before.start, 1.0
     gone: list[str] = []
     told: list[str] = []
@@ -187,8 +201,8 @@ def _without_images(
         worse = max(worse, odd[1])
         others = before.start.images["image"]
         block = before.start.select(images=others[~others.astype(str).isin(gone)])
-        block, told = adjustable_part(block, before.problem.model)
-        whole = where_it_leads(again, block)
+        block, told = adjustable_part(block, model)
+        whole = where_it_leads(again, block, model)
         if whole is None or implausible(whole):
             return None
         found, doubted = whole, set()

@@ -15,7 +15,7 @@ from itertools import combinations, islice
 import numpy as np
 import pandas as pd
 
-from corridor.core.adjustment.blunders import exchanged_points, told_exchanged, where_seen
+from corridor.core.adjustment.blunders import where_seen
 from corridor.core.adjustment.ground_variances import with_mark_sigma
 from corridor.core.adjustment.model import Model
 from corridor.core.adjustment.result import Adjustment, Again, where_it_leads
@@ -91,7 +91,7 @@ def with_ground_apart(
     notes = [told_marks(loose, wrong)] if len(wrong) else []
     if off.any():
         names = block.ground["point"].to_numpy(dtype=object)[used]
-        notes += _told_points(block, used, names, given, away, off)
+        notes.append(_told_points(block, used, names, given, away, off))
     return found, notes
 
 
@@ -255,12 +255,9 @@ def _told_either(names: np.ndarray, off: np.ndarray, rival: np.ndarray) -> str:
 def _told_points(
     block: Block, used: np.ndarray, names: np.ndarray, given: np.ndarray, away: np.ndarray,
     off: np.ndarray,
-) -> list[str]:  # fmt: skip
-    """Sentences on ground points that are off by what they are given away from (n, 3), m."""
-    notes = []
-    pairs = [pair for pair in exchanged_points(given, given - away) if off[list(pair)].all()]
-    notes += [told_exchanged(names[i], names[j]) for i, j in pairs]
-    rest = np.setdiff1d(np.flatnonzero(off), np.array(pairs, dtype=int).ravel())
+) -> str:  # fmt: skip
+    """A sentence on ground points that are off by what they are given away from (n, 3), m."""
+    rest = np.flatnonzero(off)
     roles, shown = block.ground["role"].to_numpy(dtype=object)[used], []
     for k in rest:
         size = np.abs(away[k])
@@ -275,14 +272,11 @@ def _told_points(
         if elsewhere[nearest] < _SHARE * np.linalg.norm(away[k]):
             told += f", where {names[nearest]} was surveyed"
         shown.append(told + (" (a check point)" if roles[k] == "check" else ""))
-    if not shown:
-        return notes
     middle = np.median(away[rest], axis=0)
     size = np.linalg.norm(middle)
     one = len(rest) > 1 and (np.linalg.norm(away[rest] - middle, axis=1) < _SHARE * size).all()
     cause = ", all by one vector (another height system, or the height of a pole?)" if one else ""
-    notes.append(
+    return (
         f"{counted(len(rest), 'ground point')} set aside, given minus where all else puts "
         f"{'them' if len(rest) > 1 else 'it'}{cause}: {'; '.join(shown)}."
     )
-    return notes
