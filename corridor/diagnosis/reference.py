@@ -33,6 +33,9 @@ CREEPING = 0.1
 HARDLY_DAMPED = 1e-6
 # What the first adjustment says of what it decided.
 _DECISIONS = ("left out", "set aside", "contradict the stated", "miss each other")
+# Control that was set aside for more than a candidate's prior allows (three times
+# `prior_of_adjusted` scales of 0.05 m) stays aside; of less the evidence decides.
+_FAR_CONTROL_M = 1.5
 # Iterations over which the cost of one that has settled is compared.
 _LAST = 5
 
@@ -200,8 +203,14 @@ class ReferenceModel:
             # What was set aside says nothing, whatever noise is estimated of the rest.
             factor = (result.start.gnss_sigma() / block.gnss_sigma()).max(axis=1)
             gnss = gnss[factor < GROSS * np.median(factor)].reset_index(drop=True)
+        sigma = result.start.ground_sigma()
+        far = (sigma > _FAR_CONTROL_M) & (sigma > block.ground_sigma())
+        if far.any():
+            block = block.copy()
+            block.put("ground", ("sx", "sy", "sz"), np.where(far, sigma, block.ground_sigma()))
         self.block = replace(
             block,
+            ground=block.ground.assign(role=result.start.ground["role"].to_numpy()),
             tie_points=seen.tie_points,
             marks=seen.marks,
             gnss=gnss,

@@ -11,10 +11,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from corridor.core.adjustment.model import Model
 from corridor.core.block import Block
-from corridor.core.camera import undistort
+from corridor.core.camera import project, undistort
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.geometry import Rays, meeting_points, robust_scale, rotation_from_quaternion
 from corridor.core.output import counted
@@ -199,15 +200,44 @@ def _elsewhere(given: np.ndarray, seen: np.ndarray, far: float) -> str:
 def _gnss(out: Block, block: Block, pose: np.ndarray, notes: list[str]) -> Block:
     if not len(block.gnss):
         return out
-    given = block.numbers("gnss", *"xyz")
-    rows, far = _far(given - pose[block.image_rows("gnss"), :3], _height(block, pose))
+    given, at = block.numbers("gnss", *"xyz"), pose[block.image_rows("gnss"), :3]
+    rows, far = _far(given - at, _height(block, pose))
+    permuted, other = _permuted(given, at)
+    if len(permuted) >= max(len(rows), 1):
+        rows, far = permuted, np.linalg.norm(given - at, axis=1)
     if not len(rows):
         return out
     shown = [f"{block.named('gnss', k)}, {_metres(far[k])} off" for k in rows[:_NAMED]]
-    notes.append(_told(rows, "GNSS position", "far from where the others put the image", shown))
+    cause, slip = "far from where the others put the image", _SLIP
+    if rows is permuted:
+        cause, slip = "each where another of these images was taken", " (are the images in order?)"
+        names = block.gnss["image"].astype(str).to_numpy()
+        pairs = [
+            f"{names[k]} and {names[other[k]]}" for k in rows if other[other[k]] == k < other[k]
+        ]
+        if pairs:
+            cause += f"; exchanged are {'; '.join(pairs)}"
+    notes.append(_told(rows, "GNSS position", cause, shown, cause=slip))
     out = _own(out, block)
     out.gnss = block.gnss.drop(index=block.gnss.index[rows]).reset_index(drop=True)
     return out
+
+
+def _permuted(given: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (n, 3) that lie where another image is, at (n, 3), whose own lie where a third or
+    the first is, and so on: a part of a table in another order; and of each which is there (n,)."""
+    known = np.flatnonzero(np.isfinite(given).all(axis=1) & np.isfinite(at).all(axis=1))
+    at, away, other = at[known], given[known] - at[known], np.arange(len(given))
+    for middle in (np.zeros(3), np.median(away, axis=0)) if len(known) > _LEAST_CONTROL else ():
+        found, nearest = cKDTree(at).query(at + away - middle)
+        own = np.linalg.norm(away - middle, axis=1)
+        moved = (found < EXCHANGED * own) & (own > _ELSEWHERE_M) & (nearest != other[: len(known)])
+        closed = np.array_equal(np.sort(nearest[moved]), np.flatnonzero(moved))
+        # Of hardly any that are left, it is all of them that are in another order.
+        if closed and moved.any() and len(known) - moved.sum() > _LEAST_CONTROL:
+            other[known[moved]] = known[nearest[moved]]
+            return known[moved], other
+    return known[:0], other
 
 
 def _ground(
@@ -227,6 +257,7 @@ def _ground(
     pairs = exchanged_points(given, seen)
     notes.extend(told_exchanged(names[i], names[j]) for i, j in pairs)
     rows, far = _far(given - seen, _height(block, pose))
+    rows = np.array([k for k in rows if not _shown(seen_by or block, pose, used[k])], dtype=int)
     told = model.control is not None or model.check is not None
     # A point without a role is of no use to a block of few: what is named is left where it is.
     left = (roles[used] == "control").sum() - 2 * len(pairs)
@@ -245,6 +276,20 @@ def _ground(
     out = _own(out, block)
     out.ground.loc[out.ground.index[used[rows]], "role"] = "unused"
     return out
+
+
+def _shown(block: Block, pose: np.ndarray, row: int) -> bool:
+    """Whether most marks of a ground point show it where it is given: then one mark is wrong."""
+    marks = np.flatnonzero((block.marks["point"] == block.ground["point"].iloc[row]).to_numpy())
+    cameras, off = list(block.cameras.values()), []
+    place = block.numbers("ground", *"xyz")[[row]]
+    for k, image in zip(marks, block.image_rows("marks")[marks], strict=True):
+        camera = cameras[block.image_camera[image]]
+        turn = rotation_from_quaternion(pose[[image], 3:])[0]
+        seen = project(place, pose[image, :3], turn, camera.interior)[0]
+        away = np.linalg.norm(seen - block.numbers("marks", "x", "y")[k])
+        off.append(away / min(camera.width, camera.height))
+    return len(off) > 2 and bool(np.median(np.nan_to_num(off, nan=np.inf)) < _ALIKE)
 
 
 def exchanged_points(given: np.ndarray, seen: np.ndarray) -> list[tuple[int, int]]:

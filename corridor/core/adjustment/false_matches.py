@@ -14,12 +14,12 @@ import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
 
-from corridor.core.adjustment.gross_errors import NO_SAY, Again
+from corridor.core.adjustment.gross_ground import NO_SAY
 from corridor.core.adjustment.left_out import adjustable_part
 from corridor.core.adjustment.model import Loss, Model
 from corridor.core.adjustment.normal import Normal
 from corridor.core.adjustment.problem import make_problem
-from corridor.core.adjustment.result import Adjustment
+from corridor.core.adjustment.result import Adjustment, Again
 from corridor.core.adjustment.variance_components import CONTRADICTING_FACTOR
 from corridor.core.block import Block, is_among, with_rigid_poses
 from corridor.core.errors import InputError, some

@@ -195,7 +195,11 @@ def _told_false(names: np.ndarray, miss: np.ndarray, size: float) -> str:
         if together and len(names) > 2
         else f"by {'up to ' * (len(names) > 1)}{np.linalg.norm(miss, axis=1).max():.2f} m"
     )
-    cause = ": a float solution, or a lost fix?" if len(names) > 2 else ": a false fix?"
+    cause = (
+        ": a float solution, or a lost fix?"
+        if len(names) > 2
+        else ": a false fix, or another crop of the picture?"
+    )
     one = len(names) == 1
     aside = (
         f"It is set aside, with a standard deviation {size:.0f} times as large; --reject-gnss "

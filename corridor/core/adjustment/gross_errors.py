@@ -8,33 +8,36 @@ and set aside; where that does not make the rest fit, they are not what is wrong
 from dataclasses import replace
 
 import numpy as np
-import pandas as pd
 
 from corridor.core.adjustment.blunders import exchanged_points
 from corridor.core.adjustment.false_positions import false_apart, lengths
+from corridor.core.adjustment.gross_ground import (
+    NO_SAY,
+    OF_THREE,
+    suspicious,
+    told_marks,
+    with_ground_apart,
+    without_marks,
+    wrong_marks,
+)
+from corridor.core.adjustment.left_out import adjustable_part
 from corridor.core.adjustment.model import Model
 from corridor.core.adjustment.result import Adjustment, Again, where_it_leads
 from corridor.core.adjustment.variance_components import CONTRADICTING_FACTOR
 from corridor.core.adjustment.warnings import implausible
 from corridor.core.block import Block
-from corridor.core.camera import project
 from corridor.core.errors import AdjustmentFailed, InputError, some
-from corridor.core.geometry import GROSS, OUTLIER, robust_scale_of_lengths
+from corridor.core.geometry import GROSS, OUTLIER, robust_scale
 from corridor.core.output import counted
 
-# A robust loss that gross errors have no say in.
-NO_SAY = "cauchy:2"
 # More than this share of the marks, or of the positions of a flight, is no handful.
 _MOST = 0.4
-# A mark belongs to the point that it lies nearest to, by so much of the distance of its own.
-_NEARER = 0.1
-# Median of the length of three errors of standard deviation 1.
-_OF_THREE = 1.538
 # A position is off alone from here on, in its sigmas, and among so many times as many others.
 _ALONE, _LONE = 2.0 * OUTLIER, 0.05
+# Images are odd among so many that have so many tie points each.
+_IMAGES, _ENOUGH = 8, 20
 _ROUNDS = 4
 _FEW = 3
-_NAMED = 5
 
 
 def without_gross_errors(result: Adjustment, again: Again) -> Adjustment:
@@ -48,6 +51,8 @@ def without_gross_errors(result: Adjustment, again: Again) -> Adjustment:
         notes: list[str] = []
         try:
             better = _without_positions(found, again, notes)
+            whole = _without_images(found, better, again, notes)
+            better = better if whole is None else _without_positions(whole, again, notes)
             better = _without_marks(better, again, notes)
         except (InputError, AdjustmentFailed):
             break
@@ -68,16 +73,27 @@ def begun_with_sound_positions(block: Block, model: Model, again: Again) -> Adju
     Raises what the adjustment does, where that does not help.
     """
     first: Adjustment | InputError | AdjustmentFailed
-    most = np.inf
     try:
         first = again(block, model)
+    except (InputError, AdjustmentFailed) as failure:
+        first = failure
+    if isinstance(first, Exception) or suspicious(first):
+        first = _with_ground_apart(first, block, model, again)
+    most = np.inf
+    if not isinstance(first, Exception):
+        block = first.start
         if first.converged and not implausible(first):
             if _miss(first) < GROSS:
                 return first
-            most = _OF_THREE * CONTRADICTING_FACTOR
-    except (InputError, AdjustmentFailed) as failure:
-        first = failure
+            most = OF_THREE * CONTRADICTING_FACTOR
     held = where_it_leads(again, block, replace(model, camera="fixed", lever_arm="fixed"))
+    if held and most == np.inf:
+        # An image that misses may make what it likes of a focal length that nothing else shows.
+        told: list[str] = []
+        whole = _without_images(held, held, again, told, model)
+        if whole is not None:
+            whole.add_note(*told)
+            return whole
     # The free camera is that of the block where the positions are off by less.
     for begun in (held,) if isinstance(first, Exception) or most == np.inf else (first, held):
         notes: list[str] = []
@@ -88,6 +104,25 @@ def begun_with_sound_positions(block: Block, model: Model, again: Again) -> Adju
     if isinstance(first, Exception):
         raise first
     return first
+
+
+def _with_ground_apart(
+    first: Adjustment | InputError | AdjustmentFailed, block: Block, model: Model, again: Again
+) -> Adjustment | InputError | AdjustmentFailed:
+    """The first, or adjusted with wrong ground points and marks set aside where that fits."""
+    found, notes = with_ground_apart(block, model, again)
+    if found is None and notes and not isinstance(first, Exception):
+        first.add_note(*notes)
+    # Exchanged points that are set aside are exchanged still.
+    if found is None or len(implausible(found)) > len(found.exchanged):
+        return first
+    if not isinstance(first, Exception) and first.converged and not implausible(first):
+        gone = len(block.marks) - len(found.start.marks)
+        gone += int((found.start.ground_sigma() > block.ground_sigma()).any(axis=1).sum())
+        if not _square(first) - _square(found) > GROSS**2 * gone:
+            return first
+    found.add_note(*notes)
+    return found
 
 
 def _miss(found: Adjustment) -> float:
@@ -126,7 +161,7 @@ def _without_positions(
     flights = []
     for number in np.unique(flight):
         mine = length[flight == number]
-        scaled = mine / max(np.median(mine) / _OF_THREE, 1.0)
+        scaled = mine / max(np.median(mine) / OF_THREE, 1.0)
         far, alone = (np.count_nonzero(scaled > limit) for limit in (GROSS, _ALONE))
         # One of many that is off is a false fix, long before a block of them would be.
         few = 0 < far < _MOST * len(mine) or 0 < alone <= _LONE * len(mine)
@@ -138,6 +173,77 @@ def _without_positions(
     if found is not result:
         notes += _exchanged(found)
     return found
+
+
+def _without_images(
+    before: Adjustment,
+    found: Adjustment,
+    again: Again,
+    notes: list[str],
+    free: Model | None = None,
+) -> Adjustment | None:
+    """Adjusted from where all began without the few images whose own tie points fit far worse than
+    those of others, in place of what is found; None where there are none.
+
+    found: with their positions set aside, which such an image draws with it. free: the model to go
+    on with, where both are of one whose camera and arm are held.
+    """
+    lone = (found.start.gnss_sigma() > before.start.gnss_sigma()).any(axis=1)
+    doubted = set(found.start.gnss["image"][lone].astype(str))
+    model = free or before.problem.model
+    block, worse = before.start, 1.0
+    gone: list[str] = []
+    told: list[str] = []
+    while (odd := _odd_image(found, doubted, again)) is not None:
+        if len(gone) >= max(_LONE * len(before.start.images), 1.0):
+            return None
+        gone.append(odd[0])
+        worse = max(worse, odd[1])
+        others = before.start.images["image"]
+        block = before.start.select(images=others[~others.astype(str).isin(gone)])
+        block, told = adjustable_part(block, model)
+        whole = where_it_leads(again, block, model)
+        if whole is None or implausible(whole):
+            return None
+        found, doubted = whole, set()
+    if not gone:
+        return None
+    notes[:] = [
+        f"{counted(len(gone), 'image')} left out ({some(gone, 5)}): "
+        f"{'its' if len(gone) == 1 else 'their'} tie points fit {worse:.1f} times worse than those "
+        "of other images. Another crop or size of the picture, or another picture?",
+        *told,
+    ]
+    return found
+
+
+def _odd_image(
+    found: Adjustment, doubted: set[str], again: Again | None = None
+) -> tuple[str, float] | None:
+    """The image whose tie points fit far worse than those of others, and by what; None: none does.
+
+    doubted: images whose positions contradict all others too, which makes less enough. again: asked
+    for a robust fit where squares have shared out what one image may miss by.
+    """
+    ties = found.residuals["tie"]
+    length = np.hypot(ties["vx"], ties["vy"]) / ties["sigma"]
+    # The median of each: single wrong matches make no image odd.
+    by_image = length.groupby(ties["image"].astype(str))
+    size = np.log(by_image.median()[by_image.size() >= _ENOUGH])
+    if len(size) < _IMAGES:
+        return None
+    above = size - size.median()
+    scale, name = robust_scale(above.to_numpy()), str(above.idxmax())
+    sigmas, least = (_FEW, 1.0) if name in doubted else (OUTLIER, CONTRADICTING_FACTOR)
+    if above[name] < np.log(least):
+        return None
+    if above[name] < sigmas * scale:
+        model = replace(found.problem.model, loss=NO_SAY)
+        robust = (
+            where_it_leads(again, found.start, model) if again and name not in doubted else None
+        )
+        return _odd_image(robust, doubted) if robust else None
+    return name, float(np.exp(above[name]))
 
 
 def _exchanged(found: Adjustment) -> list[str]:
@@ -156,58 +262,25 @@ def _exchanged(found: Adjustment) -> list[str]:
 
 
 def _without_marks(result: Adjustment, again: Again, notes: list[str]) -> Adjustment:
-    if not len(result.residuals["mark"]) or not result.residuals["mark"]["gross"].any():
+    marks = result.residuals["mark"]
+    if not len(marks) or not marks["outlier"].any():
         return result
     block, model = result.start, result.problem.model
     robust = again(block, replace(model, loss=NO_SAY))
     table = robust.residuals["mark"]
-    length = np.hypot(table["vx"], table["vy"]).to_numpy() / table["sigma"].to_numpy()
-    wrong = length > GROSS * robust_scale_of_lengths(length, least=1.0)
-    # Where most marks of a point are off, it is the point that lies elsewhere.
-    wrong &= pd.Series(wrong).groupby(table["point"].astype(str)).transform("mean").to_numpy() < 0.5
+    wrong = wrong_marks(table)
     if not wrong.any() or wrong.sum() > _MOST * len(wrong):
         return result
     gone = table[wrong]
-    keys = set(zip(gone["image"].astype(str), gone["point"].astype(str), strict=True))
-    marks = block.marks
-    rows = zip(marks["image"].astype(str), marks["point"].astype(str), strict=True)
-    kept = np.array([row not in keys for row in rows])
-    start = block.with_(marks=marks[kept].reset_index(drop=True))
-    found = again(start, model)
+    length = np.hypot(gone["vx"], gone["vy"]).to_numpy() / gone["sigma"].to_numpy()
+    found = again(without_marks(block, gone), model)
     # Squares that fit with them bear them: the marks are told among the outliers. A few that are
-    # gross, beside others of the same points that are not, are what is wrong where nearly all of
-    # what they miss goes with them.
+    # gross, or those of a few images, are what is wrong where nearly all of what they miss goes
+    # with them.
     before, after = _square(result), _square(found)
-    few = wrong.sum() <= _FEW and before - after > 0.5 * float((length[wrong] ** 2).sum())
-    if not (few or after < before / CONTRADICTING_FACTOR**2):
-        return result
-    notes.append(_told(robust, gone))
+    few = min(wrong.sum(), gone["image"].nunique()) <= _FEW
+    if not (few and before - after > 0.5 * float((length**2).sum())):
+        if not after < before / CONTRADICTING_FACTOR**2:
+            return result
+    notes.append(told_marks(robust, gone))
     return found
-
-
-def _told(robust: Adjustment, gone) -> str:
-    """A sentence on marks that are set aside, with the point to which each belongs by its place."""
-    block = robust.block
-    ground = block.ground
-    place = ground[["x", "y", "z"]].to_numpy(float)
-    rotation = robust.state.rotation
-    row = {name: k for k, name in enumerate(robust.problem.images.names.tolist())}
-    shown, others = [], []
-    for mark in gone.itertuples():
-        k = row[str(mark.image)]
-        camera = list(block.cameras.values())[robust.problem.images.camera[k]]
-        seen = project(place, robust.state.centre[k], rotation[k], camera.interior)
-        away = np.hypot(*(seen - [mark.x, mark.y]).T)
-        off = float(np.hypot(mark.vx, mark.vy))
-        shown.append(f"{mark.point} in {mark.image}, {off:.0f} px")
-        if np.isfinite(away).any() and np.nanmin(away) < _NEARER * off:
-            others.append(str(ground["point"].iloc[int(np.nanargmin(away))]))
-    many = counted(len(gone), "mark")
-    told = f"{many} set aside, far from where all else puts the point: {some(shown, _NAMED)}."
-    if not others:
-        return told
-    names = some(list(dict.fromkeys(others)), _NAMED)
-    belong = f"{len(others)} of them lie" if len(others) < len(gone) else "They lie"
-    if len(gone) == 1:
-        belong = "It lies"
-    return f"{told} {belong} where {names} is: marked under another name?"

@@ -32,7 +32,7 @@ def with_marks_as_they_are(result: Adjustment, again: Again) -> Adjustment:
     factor = _of_marks(result)
     if factor == 1.0:
         return result
-    start = _with_marks(result.start, factor)
+    start = with_mark_sigma(result.start, factor)
     found = where_it_leads(from_where_it_ended, result, start, result.problem.model, again)
     if found is None:
         return result
@@ -134,7 +134,8 @@ def _factor(square: np.ndarray, redundancy: np.ndarray) -> float:
     return factor if rare and factor > CONTRADICTING_FACTOR else 1.0
 
 
-def _with_marks(block: Block, factor: float) -> Block:
+def with_mark_sigma(block: Block, factor: float) -> Block:
+    """The block with standard deviations of its marks times a factor."""
     block = block.copy()
     both = block.in_pictures("marks")
     if both is not None:

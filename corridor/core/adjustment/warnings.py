@@ -370,7 +370,9 @@ def tested_by(block) -> str:
 def _wrong_control(a):
     """Coordinates of control that all other observations contradict."""
     table = a.residuals["control"]
-    if not a.converged or len(table) < 2:
+    # Where most control is off, nobody knows who is right.
+    most = len(table) > _SEVERAL and table["outlier"].mean() > 0.5
+    if not a.converged or len(table) < 2 or most:
         return
     # Small residuals too: where little else shows a coordinate, it draws the block to itself.
     found = a.reliability.wrong_control

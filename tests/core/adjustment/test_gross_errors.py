@@ -1,5 +1,7 @@
 """Mistakes that squares do not get over: named, set aside, and the rest adjusts as without them."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -176,3 +178,93 @@ def test_a_search_for_false_positions_in_which_an_image_is_lost_leads_nowhere():
     best[:3] = False
     false, scale = _concentrated_from(best, every, sigma, result, again)
     assert np.isinf(scale) and false.sum() == 3
+
+
+def one_image(block, least=4):
+    """An image of the middle with so many marks."""
+    count = block.marks["image"].astype(str).value_counts()
+    names = sorted(count.index[count >= least])
+    return names[len(names) // 2]
+
+
+class TestOneImage:
+    def test_of_which_all_marks_are_beside_their_points_is_named(self):
+        block = flown(31)
+        name = one_image(block)
+        rows = block.marks["image"].astype(str) == name
+        block.marks = block.marks.assign(x=block.marks["x"] + 20.0 * rows)
+        found = corridor.adjust(block)
+        told = f"{rows.sum()} marks set aside"
+        assert any(told in note and f"all of image {name}" in note for note in found.notes)
+        assert not any(note.startswith("Marks: the rays") for note in found.notes)
+        assert accuracy(found) < 0.02
+
+    def test_whose_marks_stand_under_each_others_names_makes_no_focal_length(self):
+        block = flown(33)
+        name = one_image(block)
+        rows = np.flatnonzero(block.marks["image"].astype(str) == name)
+        xy = block.marks[["x", "y"]].to_numpy(copy=True)
+        xy[rows] = xy[np.roll(rows, 1)]
+        block.marks = block.marks.assign(x=xy[:, 0], y=xy[:, 1])
+        found = corridor.adjust(block)
+        assert any(f"{len(rows)} marks set aside" in note and name in note for note in found.notes)
+        assert accuracy(found) < 0.02
+
+    def test_of_another_crop_is_left_out_and_its_position_not_blamed(self):
+        block = flown(32)
+        name = one_image(block)
+        for table in ("tie_points", "marks"):
+            rows = getattr(block, table)
+            moved = rows["y"] + 250.0 * (rows["image"].astype(str) == name)
+            setattr(block, table, rows.assign(y=moved))
+        found = corridor.adjust(block)
+        assert any(f"1 image left out ({name})" in note for note in found.notes)
+        assert not any("GNSS position" in note for note in found.notes)
+        assert accuracy(found) < 0.02
+
+
+class TestControlThatIsFarOff:
+    def typed(self, block, off, points=1):
+        rows = block.ground.index[block.ground["role"] == "control"][1 : 1 + points]
+        block.ground.loc[rows, "z"] += off
+        return [str(name) for name in block.ground["point"][rows]]
+
+    @pytest.mark.parametrize("gnss", [True, False])
+    def test_is_named_and_set_aside(self, gnss):
+        block = flown(34)
+        (name,) = self.typed(block, 10.0)
+        if not gnss:
+            block.gnss = block.gnss.iloc[:0]
+        found = corridor.adjust(block)
+        (told,) = [note for note in found.notes if "1 ground point set aside" in note]
+        assert re.search(rf"{name} in height by \+(9\.9|10\.0)", told)
+        assert accuracy(found) < 0.05
+
+    def test_by_the_height_of_a_pole_is_told_as_one(self):
+        block = flown(35)
+        names = self.typed(block, 2.0, points=3)
+        found = corridor.adjust(block)
+        (told,) = [note for note in found.notes if "3 ground points set aside" in note]
+        assert "all by one vector" in told and all(name in told for name in names)
+        assert accuracy(found) < 0.02
+
+    def test_accuses_none_where_two_halves_contradict_each_other(self):
+        block = flown(36)
+        block.gnss = block.gnss.iloc[:0]
+        rows = np.arange(len(block.ground)) % 2 == 1
+        rows[:2] = rows[1::-1]
+        block.ground.loc[rows, "z"] += 2.0
+        found = corridor.adjust(block)
+        assert any("nothing shows who is right" in note for note in found.notes)
+        assert not any("Ground control is wrong" in told for told in found.warnings)
+
+
+def test_positions_of_which_most_stand_in_reverse_order_are_set_aside():
+    block = flown(37, images=12, strips=1)
+    xyz = block.gnss[["x", "y", "z"]].to_numpy(copy=True)
+    xyz[3:10] = xyz[3:10][::-1]
+    block.gnss = block.gnss.assign(x=xyz[:, 0], y=xyz[:, 1], z=xyz[:, 2])
+    names = block.gnss["image"].astype(str).tolist()
+    found = corridor.adjust(block)
+    assert any(f"exchanged are {names[3]} and {names[9]}" in note for note in found.notes)
+    assert accuracy(found) < 0.1

@@ -1,0 +1,282 @@
+"""Ground points and marks that are grossly wrong, as a fit shows them that marks cannot rule.
+
+Squares make a focal length, or positions, of a control point with a digit too many, or of an image
+whose marks stand under each other's names. Where marks count a hundredth of what is stated, images
+and GNSS keep their shape; a shift (beside GNSS), or a similarity, through the best points shows
+which others lie elsewhere.
+
+Source: Rousseeuw and Leroy 1987 (least median of squares, by samples of as few points as it takes).
+"""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from itertools import combinations, islice
+
+import numpy as np
+import pandas as pd
+
+from corridor.core.adjustment.blunders import where_seen
+from corridor.core.adjustment.ground_variances import with_mark_sigma
+from corridor.core.adjustment.model import Model
+from corridor.core.adjustment.result import Adjustment, Again, where_it_leads
+from corridor.core.adjustment.warnings import implausible
+from corridor.core.block import Block
+from corridor.core.camera import project
+from corridor.core.errors import InputError, some
+from corridor.core.geometry import GROSS, OUTLIER, robust_scale_of_lengths, similarity
+from corridor.core.output import counted
+
+# A robust loss that gross errors have no say in.
+NO_SAY = "cauchy:2"
+# By what marks count less: fifty pixels are as rough as start poses; beside GNSS nothing at all.
+_LOOSE, _SILENT = 100.0, 1000.0
+# Median of the length of three errors of standard deviation 1.
+OF_THREE = 1.538
+# Points of which one can be wrong; samples of three of them at most.
+_LEAST, _SAMPLES = 4, 300
+# A part of the rest that agrees as well as the best, but for this factor, may be right too.
+_AS_GOOD = 3.0
+# An error is in one axis where the others have this share of it; several are one within it.
+_SHARE = 0.1
+_NAMED = 5
+
+
+def suspicious(result: Adjustment) -> bool:
+    """Whether marks or ground control may be grossly wrong."""
+    control, mark = result.residuals["control"], result.residuals["mark"]
+    off = bool(len(control) and control["outlier"].any()) or bool(len(mark) and mark["gross"].any())
+    return off or not result.converged or bool(implausible(result))
+
+
+def with_ground_apart(
+    block: Block, model: Model, again: Again
+) -> tuple[Adjustment | None, list[str]]:
+    """Adjusted with wrong control and wrong marks set aside, and sentences; None where there are
+    none, or nothing shows them.
+
+    Control keeps its place, with standard deviations of the size of its error; marks go.
+    """
+    placed = len(block.gnss) >= _LEAST
+    used = np.flatnonzero(model.roles(block) != "unused")
+    if len(used) < _LEAST or not len(block.marks):
+        return None, []
+    factor, robust = _SILENT if placed else _LOOSE, replace(model, loss=NO_SAY)
+    given = block.numbers("ground", *"xyz")[used]
+    start, off = block, np.zeros(len(used), bool)
+    # Points that lie elsewhere draw marks of the others, where no GNSS holds the block.
+    for _ in range(1 if placed else 2):
+        ended = where_it_leads(again, with_mark_sigma(start, factor), robust)
+        if ended is None:
+            return None, []
+        loose = ended
+        wrong = loose.residuals["mark"][wrong_marks(loose.residuals["mark"], 0.0)]
+        sound = without_marks(block, wrong)
+        away = given - _seen(sound, loose)[used]
+        more, rival = _off(given, given - away, block.ground_sigma()[used], placed)
+        if rival.any():
+            return None, [_told_either(block.ground["point"].to_numpy()[used], more, rival)]
+        off |= more
+        control = off & (model.roles(block)[used] == "control")
+        start = _set_aside(sound, used[control], away[control])
+        if model.control is None and model.check is None:
+            start.ground.loc[start.ground.index[used[off & ~control]], "role"] = "unused"
+        if not control.any():
+            break
+    if not (len(wrong) or off.any()):
+        return None, []
+    found = where_it_leads(again, start, model)
+    if found is None:
+        return None, []
+    away = given - _seen(start, found)[used]
+    notes = [told_marks(loose, wrong)] if len(wrong) else []
+    if off.any():
+        names = block.ground["point"].to_numpy(dtype=object)[used]
+        notes.append(_told_points(block, used, names, given, away, off))
+    return found, notes
+
+
+def _seen(block: Block, found: Adjustment) -> np.ndarray:
+    """Where the marks of a block show its ground points (n, 3), by poses that were found."""
+    part = block.select(images=list(found.problem.block.images["image"]))
+    at = where_seen(part, found.pose, found.state.interior)
+    rows = pd.Index(part.ground["point"]).get_indexer(block.ground["point"])
+    return np.where((rows >= 0)[:, None], at[rows], np.nan)
+
+
+def _off(
+    given: np.ndarray, seen: np.ndarray, sigma: np.ndarray, placed: bool
+) -> tuple[np.ndarray, np.ndarray]:
+    """Which ground points (n,) lie elsewhere, given and seen at (n, 3), by what the best half of
+    them says of all; and, where another half agrees as well, which do by that.
+
+    sigma (n, 3): of the given. placed: GNSS has placed what is seen, but for one vector.
+    """
+    known = np.flatnonzero(np.isfinite(given).all(axis=1) & np.isfinite(seen).all(axis=1))
+    out, rival, count = np.zeros(len(given), bool), np.zeros(len(given), bool), len(known)
+    given, seen = given[known], seen[known]
+    least = _LEAST if placed else _LEAST + 1
+    if count < least:
+        return out, rival
+    half = max((count + 1) // 2, least - 1)
+    samples: Iterable[tuple] = combinations(range(count), 1 if placed else 3)
+    if not placed and count > 12:
+        draw = np.random.default_rng(count)
+        samples = (tuple(draw.choice(count, 3, replace=False)) for _ in range(_SAMPLES))
+    tried = []
+    for sample in islice(samples, _SAMPLES):
+        length = _lengths(given, seen, np.array(sample), placed)
+        if length is not None:
+            best = np.argsort(length, kind="stable")[:half]
+            length = _lengths(given, seen, best, placed)
+        if length is not None:
+            tried.append((float(np.partition(length, half - 1)[half - 1]), length, best))
+    if not tried:
+        return out, rival
+    usual = max(min(size for size, *_ in tried), float(np.median(sigma)) * OF_THREE)
+    good = [one for one in tried if one[0] <= _AS_GOOD * usual]
+    if placed:
+        # Of two halves the one is right that lies where the GNSS has it.
+        good.sort(key=lambda one: float(np.linalg.norm((given - seen)[one[2]].mean(axis=0))))
+    size, length, _ = good[0] if placed else min(good, key=lambda one: one[0])
+    wrong = length > GROSS * max(size, usual) / OF_THREE
+    out[known] = wrong
+    others = (one[1] > GROSS * max(one[0], usual) / OF_THREE for one in good)
+    other = next((one for one in others if (one & ~wrong).any()), None)
+    if other is not None and not placed:
+        rival[known] = other
+    return out, rival
+
+
+def _lengths(
+    given: np.ndarray, seen: np.ndarray, some: np.ndarray, placed: bool
+) -> np.ndarray | None:
+    """How far (n,) points lie from where they are given, some of them laid on it."""
+    if placed:
+        return np.linalg.norm(given - seen - np.median((given - seen)[some], axis=0), axis=1)
+    try:
+        moved = similarity(seen[some], given[some]).apply(seen)
+    except InputError:
+        return None
+    return np.linalg.norm(given - moved, axis=1)
+
+
+def _set_aside(block: Block, rows: np.ndarray, away: np.ndarray) -> Block:
+    """The block with standard deviations of ground points as large as they are away (n, 3), m."""
+    block, sigma = block.copy(), block.ground_sigma()
+    sigma[rows] = np.maximum(np.linalg.norm(away, axis=1)[:, None], sigma[rows])
+    block.put("ground", ("sx", "sy", "sz"), sigma)
+    return block
+
+
+def wrong_marks(table: pd.DataFrame, least: float = 1.0) -> np.ndarray:
+    """Which marks (n,) are grossly off, by their residuals where they have no say: single ones, and
+    all of an image that are off by one vector. least: of their scale, in standard deviations."""
+    v = table[["vx", "vy"]].to_numpy() / table[["sigma"]].to_numpy()
+    length = np.linalg.norm(v, axis=1)
+    limit = GROSS * robust_scale_of_lengths(length, least=least)
+    wrong = length > limit
+    image = table["image"].astype(str)
+    together = pd.DataFrame(v).groupby(image).transform("median").to_numpy()
+    count = image.groupby(image).transform("size").to_numpy()
+    common = np.linalg.norm(together, axis=1)
+    alike = pd.Series(np.linalg.norm(v - together, axis=1) < 0.5 * common)
+    alike = alike.groupby(image).transform("min").to_numpy(dtype=bool)
+    shifted = alike & (common * np.sqrt(count) > limit) & (count > 1)
+    # What is gross draws the others of its points with it.
+    wrong |= shifted & (image.isin(image[wrong]).to_numpy() | ~wrong.any())
+    # Where most marks of a point are off, it is the point that lies elsewhere, or one draws it.
+    point = table["point"].astype(str).to_numpy()
+    share, usual = (
+        pd.Series(part).groupby(point).transform(how).to_numpy()
+        for part, how in ((wrong, "mean"), (length, "median"))
+    )
+    return wrong & ((share < 0.5) | (length > OUTLIER * usual))
+
+
+def without_marks(block: Block, gone: pd.DataFrame) -> Block:
+    """The block without marks, by the image and point of rows of residuals."""
+    keys = set(zip(gone["image"].astype(str), gone["point"].astype(str), strict=True))
+    if not keys:
+        return block
+    marks = block.marks
+    rows = zip(marks["image"].astype(str), marks["point"].astype(str), strict=True)
+    kept = np.array([row not in keys for row in rows])
+    return block.with_(marks=marks[kept].reset_index(drop=True))
+
+
+def told_marks(robust: Adjustment, gone: pd.DataFrame) -> str:
+    """A sentence on marks that are set aside, with the point to which each belongs by its place."""
+    block = robust.block
+    ground = block.ground
+    place = ground[["x", "y", "z"]].to_numpy(float)
+    rotation = robust.state.rotation
+    row = {name: k for k, name in enumerate(robust.problem.images.names.tolist())}
+    shown, others = [], []
+    for mark in gone.itertuples():
+        k = row[str(mark.image)]
+        camera = list(block.cameras.values())[robust.problem.images.camera[k]]
+        seen = project(place, robust.state.centre[k], rotation[k], camera.interior)
+        away = np.hypot(*(seen - [mark.x, mark.y]).T)
+        off = float(np.hypot(mark.vx, mark.vy))
+        shown.append(f"{mark.point} in {mark.image}, {off:.0f} px")
+        if np.isfinite(away).any() and np.nanmin(away) < _SHARE * off:
+            others.append(str(ground["point"].iloc[int(np.nanargmin(away))]))
+    many = counted(len(gone), "mark")
+    told = f"{many} set aside, far from where all else puts the point: {some(shown, _NAMED)}."
+    images = gone["image"].astype(str).unique()
+    v = gone[["vx", "vy"]].to_numpy()
+    middle = np.median(v, axis=0)
+    if len(gone) > 1 and len(images) == 1:
+        if (np.linalg.norm(v - middle, axis=1) < 0.5 * np.linalg.norm(middle)).all():
+            vector = ", ".join(f"{value:+.0f}" for value in middle)
+            return (
+                f"{told} They are all of image {images[0]}, off by one vector ({vector} px) from "
+                "its tie points: were they measured in another picture, or is a row of marks.csv "
+                "shifted?"
+            )
+    if not others:
+        return told
+    names = some(list(dict.fromkeys(others)), _NAMED)
+    belong = f"{len(others)} of them lie" if len(others) < len(gone) else "They lie"
+    if len(gone) == 1:
+        belong = "It lies"
+    return f"{told} {belong} where {names} is: marked under another name?"
+
+
+def _told_either(names: np.ndarray, off: np.ndarray, rival: np.ndarray) -> str:
+    one, other = (some(names[mine].tolist(), 2 * _NAMED) for mine in (off, rival))
+    return (
+        f"Ground points contradict each other, and nothing shows who is right: either {one} lie "
+        f"elsewhere, or {other}. Two height systems, or the height of a pole in one of two "
+        "sessions? GNSS positions, or a point that is known twice, would decide."
+    )
+
+
+def _told_points(
+    block: Block, used: np.ndarray, names: np.ndarray, given: np.ndarray, away: np.ndarray,
+    off: np.ndarray,
+) -> str:  # fmt: skip
+    """A sentence on ground points that are off by what they are given away from (n, 3), m."""
+    rest = np.flatnonzero(off)
+    roles, shown = block.ground["role"].to_numpy(dtype=object)[used], []
+    for k in rest:
+        size = np.abs(away[k])
+        axis = int(np.argmax(size))
+        lone = np.delete(size, axis).max() < _SHARE * size[axis]
+        vector = ", ".join(f"{value:+.2f}" for value in away[k])
+        by = f"in {('x', 'y', 'height')[axis]} by {away[k, axis]:+.2f} m" if lone else ""
+        told = f"{block.where('ground', used[k])}: {names[k]} {by or f'by ({vector}) m'}"
+        elsewhere = np.linalg.norm(given - given[k], axis=1)
+        elsewhere[k] = np.inf
+        nearest = int(np.nanargmin(elsewhere))
+        if elsewhere[nearest] < _SHARE * np.linalg.norm(away[k]):
+            told += f", where {names[nearest]} was surveyed"
+        shown.append(told + (" (a check point)" if roles[k] == "check" else ""))
+    middle = np.median(away[rest], axis=0)
+    size = np.linalg.norm(middle)
+    one = len(rest) > 1 and (np.linalg.norm(away[rest] - middle, axis=1) < _SHARE * size).all()
+    cause = ", all by one vector (another height system, or the height of a pole?)" if one else ""
+    return (
+        f"{counted(len(rest), 'ground point')} set aside, given minus where all else puts "
+        f"{'them' if len(rest) > 1 else 'it'}{cause}: {'; '.join(shown)}."
+    )
