@@ -335,7 +335,8 @@ for title, effect in suspects.items():
     else:
         rows[title] = [f - f0, -100 * (z - z0), 100 * found.check_rms.z]
 columns = ["f off (px)", "arm z off (cm)", "height (cm)"]
-pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(1)
+# No -0.0, which a last digit decides.
+pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(1) + 0.0
 
 # %% [markdown]
 # Neither effects that vary in time nor errors of the GNSS shift f by more than a pixel. Only a

@@ -131,7 +131,8 @@ def adjust(
     progress: called with a `Progress`; after each iteration its result has iteration, cost,
         damping, step and accepted.
     strict: refuse cells that cannot be true, points that one image alone shows, and images with
-        fewer than three points, which are left out and named in `warnings` otherwise.
+        fewer than three points, which are left out and named in `warnings` otherwise; and set no
+        match, mark, ground point or image aside that contradicts the rest.
     run: a `Run` in place of threads, max_iterations, progress and strict.
     reject_gnss: leave out antenna positions whose residual is beyond five sigmas (false fixes,
         which no smoother of the track can see), a block of them too, and adjust again, until none
@@ -180,7 +181,7 @@ def adjust(
     doubtful = [*turned, *other, *plausibility_warnings(block, without=True)]
 
     def whole(part: Block) -> Adjustment:
-        found = _without_gross_errors(part, model, again, weights == "marks")
+        found = _without_gross_errors(part, model, again, weights == "marks", run.strict)
         if reject_gnss:
             found = without_false_fixes(found, again, part.gnss_sigma())
         found = weighted_by_scatter(found, again)
@@ -296,7 +297,7 @@ def _many_wrong_marks(result: Adjustment) -> bool:
 
 
 def _without_gross_errors(
-    block: Block, model: Model, again: Callable, reweighted: bool
+    block: Block, model: Model, again: Callable, reweighted: bool, strict: bool
 ) -> Adjustment:
     """The block adjusted, without what squares do not get over.
 
@@ -305,8 +306,8 @@ def _without_gross_errors(
     """
 
     def by_squares(model: Model) -> Adjustment:
-        first = begun_with_sound_positions(block, model, again)
-        found = without_gross_errors(first, again)
+        first = begun_with_sound_positions(block, model, again, strict)
+        found = without_gross_errors(first, again, strict)
         return with_marks_as_they_are(found, again) if reweighted else found
 
     if Loss.parse(model.loss).kind == SQUARES:

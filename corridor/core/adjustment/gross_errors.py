@@ -40,20 +40,21 @@ _ROUNDS = 4
 _FEW = 3
 
 
-def without_gross_errors(result: Adjustment, again: Again) -> Adjustment:
+def without_gross_errors(result: Adjustment, again: Again, strict: bool = False) -> Adjustment:
     """Adjusted without gross errors in marks and antenna positions, where that makes all else fit.
 
     The result itself where it holds none, or they are no handful. Positions keep a row, with a
-    standard deviation of their own size.
+    standard deviation of their own size. strict: no mark and no image goes.
     """
     found = result
     for _ in range(_ROUNDS):
         notes: list[str] = []
         try:
             better = _without_positions(found, again, notes)
-            whole = _without_images(found, better, again, notes)
-            better = better if whole is None else _without_positions(whole, again, notes)
-            better = _without_marks(better, again, notes)
+            if not strict:
+                whole = _without_images(found, better, again, notes)
+                better = better if whole is None else _without_positions(whole, again, notes)
+                better = _without_marks(better, again, notes)
         except (InputError, AdjustmentFailed):
             break
         if better is found or not better.converged:
@@ -63,7 +64,9 @@ def without_gross_errors(result: Adjustment, again: Again) -> Adjustment:
     return found
 
 
-def begun_with_sound_positions(block: Block, model: Model, again: Again) -> Adjustment:
+def begun_with_sound_positions(
+    block: Block, model: Model, again: Again, strict: bool = False
+) -> Adjustment:
     """Adjusted; where it runs away, or half of the positions miss grossly, without those that are
     false beside the stated camera, if the others are then as good as they are stated.
 
@@ -77,7 +80,7 @@ def begun_with_sound_positions(block: Block, model: Model, again: Again) -> Adju
         first = again(block, model)
     except (InputError, AdjustmentFailed) as failure:
         first = failure
-    if isinstance(first, Exception) or suspicious(first):
+    if not strict and (isinstance(first, Exception) or suspicious(first)):
         first = _with_ground_apart(first, block, model, again)
     most = np.inf
     if not isinstance(first, Exception):
@@ -87,7 +90,7 @@ def begun_with_sound_positions(block: Block, model: Model, again: Again) -> Adju
                 return first
             most = OF_THREE * CONTRADICTING_FACTOR
     held = where_it_leads(again, block, replace(model, camera="fixed", lever_arm="fixed"))
-    if held and most == np.inf:
+    if held and most == np.inf and not strict:
         # An image that misses may make what it likes of a focal length that nothing else shows.
         told: list[str] = []
         whole = _without_images(held, held, again, told, model)

@@ -27,7 +27,8 @@ def table(camera: str, effect: str, prior: str, threads: int = 1) -> dict[str, d
         "--required": {},
         "--strict": flag(
             "refuse cells that cannot be true, points seen in one image only, images with fewer "
-            "than 3 points (default: leave them out and say so)"
+            "than 3 points, and set no match, mark, ground point or image aside that contradicts "
+            "the rest (default: leave them out and say so)"
         ),
     }
 
