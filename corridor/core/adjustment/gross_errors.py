@@ -209,7 +209,8 @@ def _without_images(
         if whole is None or implausible(whole):
             return None
         found, doubted = whole, set()
-    if not gone:
+    # What the model lacks bends some images more than others.
+    if not gone or found.sigma0 > CONTRADICTING_FACTOR:
         return None
     notes[:] = [
         f"{counted(len(gone), 'image')} left out ({some(gone, 5)}): "

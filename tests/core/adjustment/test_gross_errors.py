@@ -10,6 +10,7 @@ from benchmarks.diagnosis.generator.cases import Case
 from benchmarks.diagnosis.generator.generate import generate
 from corridor.core.adjustment.false_positions import _concentrated_from
 from corridor.core.errors import AdjustmentFailed, InputError
+from corridor.core.simulation import read_plan
 
 
 def flown(seed, **changes):
@@ -188,6 +189,13 @@ def one_image(block, least=4):
 
 
 class TestOneImage:
+    def test_that_a_missing_effect_bends_more_than_others_stays(self):
+        """A shutter is missing: one image at a strip's end fits three times worse than others."""
+        plan = read_plan("data_synthetic/dike.toml").with_flights(heading="kept")
+        block = corridor.simulate(plan, {"rolling_shutter": {"readout": 0.025}}, seed=0)
+        found = corridor.adjust(block, camera="fraser10")
+        assert found.sigma0 > 2.0 and not any("left out" in note for note in found.notes)
+
     def test_of_which_all_marks_are_beside_their_points_is_named(self):
         block = flown(31)
         name = one_image(block)
