@@ -231,9 +231,9 @@ def _odd_image(
     """
     ties = found.residuals["tie"]
     length = np.hypot(ties["vx"], ties["vy"]) / ties["sigma"]
-    # The median of each: single wrong matches make no image odd.
+    # The median of each: single wrong matches make no image odd. Nor is one that is as stated.
     by_image = length.groupby(ties["image"].astype(str))
-    size = np.log(by_image.median()[by_image.size() >= _ENOUGH])
+    size = np.log(by_image.median()[by_image.size() >= _ENOUGH].clip(lower=1.0))
     if len(size) < _IMAGES:
         return None
     above = size - size.median()
