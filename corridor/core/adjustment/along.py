@@ -15,8 +15,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
-from scipy.interpolate import LinearNDInterpolator
-from scipy.spatial import QhullError, cKDTree
 
 from corridor.core.block import Layout, read_columns
 from corridor.core.errors import InputError
@@ -90,6 +88,10 @@ def precision_along(
     as far apart as the points do.
     Raises InputError where the corners are no numbers, or lie beside the points.
     """
+    # At first use: an adjustment does not wait for them.
+    from scipy.interpolate import LinearNDInterpolator
+    from scipy.spatial import QhullError, cKDTree
+
     corners = np.asarray(corners, dtype=float).reshape(len(corners), -1)[:, :2]
     if not len(corners) or corners.shape[1] != 2 or not np.isfinite(corners).all():
         raise InputError("a line is one place or more, x and y in metres; write numbers")

@@ -113,7 +113,10 @@ def _with_ground_apart(
     first: Adjustment | InputError | AdjustmentFailed, block: Block, model: Model, again: Again
 ) -> Adjustment | InputError | AdjustmentFailed:
     """The first, or adjusted with wrong ground points and marks set aside where that fits."""
-    found, notes = with_ground_apart(block, model, again)
+    try:
+        found, notes = with_ground_apart(block, model, again)
+    except (InputError, AdjustmentFailed):
+        return first
     if found is None and notes and not isinstance(first, Exception):
         first.add_note(*notes)
     # Exchanged points that are set aside are exchanged still.
