@@ -1,8 +1,14 @@
 """A block in another frame: another grid, or east, north, up about a point."""
 
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from corridor.core.block import POSE, RHO, SIGMAS, VELOCITY, Block, correlations, covariances
+from corridor.core.errors import InputError
 from corridor.core.geometry import quaternion_from_rotation, rotation_from_quaternion
 from corridor.core.gnss import (
     GEOGRAPHIC,
@@ -15,6 +21,10 @@ from corridor.core.gnss import (
     local_of,
     places_of,
 )
+from corridor.tools.formats.textfile import opening
+
+if TYPE_CHECKING:
+    import pyproj
 
 # Directions are differences over this length: of PROJ's nanometres 1e-11 rad are left.
 _STEP_M = 100.0
@@ -26,6 +36,23 @@ def local_table(local: Local, crs: str | None = None) -> dict[str, float | str]:
     """`local_frame` of block.toml; crs: the system in which results are given."""
     table = {"lat_deg": local.lat_deg, "lon_deg": local.lon_deg, "height": local.height}
     return table | ({"crs": crs} if crs else {})
+
+
+def system_in(path: Path, option: str) -> tuple[str, pyproj.CRS] | None:
+    """The system that a .prj names: its EPSG code, else its text, and as PROJ has it; None where
+    the file is empty. option: that says it otherwise. Raises InputError where it names none."""
+    text = opening(path, 20_000).strip()
+    if not text:
+        return None
+    try:
+        system = known_crs(text)
+    except InputError:
+        raise InputError(
+            f"{path.name} names no coordinate system that is known; delete it, or give its code "
+            f"with {option}"
+        ) from None
+    code = system.to_epsg()
+    return f"EPSG:{code}" if code else text, system
 
 
 def moved(block: Block, target: Local | str, crs: str | None = None) -> Block:

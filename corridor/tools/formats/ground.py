@@ -19,7 +19,7 @@ from corridor.core.errors import InputError
 from corridor.core.geometry import similarity
 from corridor.core.gnss import GEOGRAPHIC, convert, known_crs, local_of, loose_way, outside_area
 from corridor.core.textfile import Line, decimal_commas, with_point
-from corridor.tools.formats.frames import height_unit
+from corridor.tools.formats.frames import height_unit, system_in
 from corridor.tools.formats.ground_text import read_text
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.plausible import remedy
@@ -86,9 +86,10 @@ def read_ground(path: Path, block: Block) -> Ground:
     return Ground(path, crs, found.table, marks, found.notes, found.unit)
 
 
-def system_beside(path: Path) -> tuple[Path, str, str] | None:
+def system_beside(path: Path, option: str = "--ground-crs") -> tuple[Path, str, str] | None:
     """The .prj of a table or of a folder: its file, the system (an EPSG code, else its text), and
-    what a person calls it. None without one; a .prj of a grid or of degrees alone is one.
+    what a person calls it. None without one; a .prj of a grid or of degrees alone is one. option:
+    as of `system_in`.
 
     Raises InputError where it names no system.
     """
@@ -97,19 +98,11 @@ def system_beside(path: Path) -> tuple[Path, str, str] | None:
         files = sorted(file for file in path.iterdir() if file.suffix.lower() == ".prj")
         files = files if len(files) == 1 else []
     file = next((file for file in files if file.is_file()), None)
-    text = opening(file, 20_000).strip() if file else ""
-    if not text:
+    found = system_in(file, option) if file else None
+    if file is None or found is None:
         return None
-    try:
-        system = known_crs(text)
-    except InputError:
-        raise InputError(
-            f"{file.name} names no coordinate system that is known; delete it, or give its code "
-            "with --ground-crs"
-        ) from None
-    code = system.to_epsg(70)
-    named = f"{system.name} (EPSG:{code})" if code else system.name
-    return file, f"EPSG:{code}" if code else text, named
+    code, system = found
+    return file, code, f"{system.name} ({code})" if code.startswith("EPSG:") else system.name
 
 
 def is_gcp_list(head: str) -> bool:

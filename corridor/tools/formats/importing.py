@@ -243,9 +243,9 @@ def _list_beside(path: Path) -> Path | None:
 def _prj_beside(path: Path) -> list[str]:
     """A sentence on a .prj in the folder of a project that states no system; none without it."""
     try:
-        beside = system_beside(path)
+        beside = system_beside(path, "--crs")
     except InputError as error:
-        return [str(error).replace("--ground-crs", "--crs")]
+        return [str(error)]
     if beside is None:
         return []
     file, code, named = beside

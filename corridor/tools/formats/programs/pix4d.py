@@ -26,9 +26,9 @@ from corridor.core.geometry import (
     rotation_from_quaternion,
     vector_from_rotation,
 )
-from corridor.core.gnss import known_crs
 from corridor.core.textfile import Line
 from corridor.tools.formats.cameras import FLIP, camera_from, in_the_middle, shared
+from corridor.tools.formats.frames import system_in
 from corridor.tools.formats.names import Names, in_any_case
 from corridor.tools.formats.programs.bingo import image_blocks
 from corridor.tools.formats.project import (
@@ -277,22 +277,8 @@ def _offset(path, external, centre, notes):
 
 def _crs(path):
     """The system of the world: the EPSG code of its text, or the text; None without the file."""
-    if not path.is_file():
-        return None
-    text = opening(path, 20_000).strip()
-    if not text:
-        return None
-    try:
-        system = known_crs(text)
-    except InputError:
-        raise InputError(
-            f"{path.name} names no coordinate system that is known ({text[:40]}); delete it, and "
-            "give the system with --crs"
-        ) from None
-    if not system.is_projected:
-        return None
-    code = system.to_epsg()
-    return text if code is None else f"EPSG:{code}"
+    found = system_in(path, "--crs") if path.is_file() else None
+    return found[0] if found and found[1].is_projected else None
 
 
 def _external(path):
