@@ -465,9 +465,9 @@ for k, p in enumerate(("f", "cx", "cy")):
 
 
 # %% [markdown]
-# Standard errors are those of the stated sigmas; chance takes the farthest of three as far once in
-# ten. It is chance: the same draws with a tenth of the noise are off by a tenth, where the bias of a
-# model that is not linear would shrink to a hundredth.
+# Standard errors are those of the stated sigmas; chance takes the farthest of three as far once
+# in ten. It is chance: the same draws with a tenth of the noise are off by a tenth, where the bias
+# of a model that is not linear would shrink to a hundredth.
 
 
 # %%
