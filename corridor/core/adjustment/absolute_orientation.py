@@ -13,6 +13,7 @@ import pandas as pd
 
 from corridor.core.adjustment.check_statistics import Checked
 from corridor.core.adjustment.result import Adjustment
+from corridor.core.block import values_of
 from corridor.core.brief import brief
 from corridor.core.errors import InputError
 from corridor.core.geometry import Similarity, similarity
@@ -36,7 +37,7 @@ class AbsoluteOrientation(Checked):
     @property
     def control_error(self) -> np.ndarray:
         """Distance (points,) of each of `control_points` from where it was given, metres."""
-        return np.linalg.norm(self.control_points[["dx", "dy", "dz"]].to_numpy(float), axis=1)
+        return np.linalg.norm(values_of(self.control_points, "dx", "dy", "dz"), axis=1)
 
 
 def lay_on_control(
@@ -59,11 +60,11 @@ def lay_on_control(
             raise InputError(f"the block has no ground point {unknown[0]!r}: correct the name")
     found = adjustment.points[adjustment.points["kind"] == "mark"]
     at = pd.Index(found["point"]).get_indexer(ground["point"])
-    xyz = found[["x", "y", "z"]].to_numpy()
+    xyz = values_of(found, *"xyz")
     adjusted = (
         np.where((at >= 0)[:, None], xyz[at], np.nan) if len(xyz) else np.full((1, 3), np.nan)
     )
-    given = ground[["x", "y", "z"]].to_numpy(float)
+    given = values_of(ground, *"xyz")
     if (used & (at >= 0)).sum() < 3:
         raise InputError(
             f"{adjustment.start.where('ground', 0)}: orienting a block needs three control "

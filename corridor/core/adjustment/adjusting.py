@@ -43,7 +43,7 @@ from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.turns import with_turns_as_seen
 from corridor.core.adjustment.variance_components import CONTRADICTING_FACTOR
 from corridor.core.adjustment.warnings import implausible
-from corridor.core.block import POSE, Block, read, with_rigid_poses
+from corridor.core.block import POSE, Block, read, values_of, with_rigid_poses
 from corridor.core.effects import Effect, check_needs
 from corridor.core.engine.scene import SQUARES
 from corridor.core.errors import AdjustmentFailed, InputError, some
@@ -287,7 +287,7 @@ def _misfits(result: Adjustment) -> bool:
 def _size(result: Adjustment) -> float:
     """Sigma naught of tie points as squares have it: a robust loss hides gross ones in its own."""
     ties = result.residuals["tie"]
-    scaled = ties[["vx", "vy"]].to_numpy() / ties[["sigma"]].to_numpy()
+    scaled = values_of(ties, "vx", "vy") / values_of(ties, "sigma")
     return max(result.sigma0, float(np.sqrt(np.mean(scaled**2))) if len(ties) else 0.0)
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from corridor.core.block import Layout, read_columns
+from corridor.core.block import Layout, read_columns, values_of
 from corridor.core.errors import InputError
 from corridor.core.output import millimetres
 
@@ -95,7 +95,7 @@ def precision_along(
     corners = np.asarray(corners, dtype=float).reshape(len(corners), -1)[:, :2]
     if not len(corners) or corners.shape[1] != 2 or not np.isfinite(corners).all():
         raise InputError("a line is one place or more, x and y in metres; write numbers")
-    places = adjustment.points[["x", "y"]].to_numpy(float)
+    places = values_of(adjustment.points, "x", "y")
     sigma = adjustment.point_sigma
     sound = np.isfinite(sigma).all(axis=1) & np.isfinite(places).all(axis=1)
     places, variance = places[sound], sigma[sound] ** 2

@@ -81,7 +81,8 @@ class Design:
         scene = self._normal.scene(self._view, modelled, first, last)
         row = self._row[first:last]
         made = self._normal.engine.rows(scene, row, self._point_weight[row])
-        return made._replace(shared=made.shared[:, : self._problem.shared_count])
+        shared = np.ascontiguousarray(made.shared[:, : self._problem.shared_count])
+        return made._replace(shared=shared)
 
     def right(self, sets: Sets) -> np.ndarray:
         """What image points and control say (columns, k), as `LinearSystem.right` has it."""

@@ -21,7 +21,7 @@ from corridor.core.adjustment.normal import Normal
 from corridor.core.adjustment.problem import make_problem
 from corridor.core.adjustment.result import Adjustment, Again
 from corridor.core.adjustment.variance_components import CONTRADICTING_FACTOR
-from corridor.core.block import Block, is_among, with_rigid_poses
+from corridor.core.block import Block, is_among, values_of, with_rigid_poses
 from corridor.core.errors import InputError, some
 from corridor.core.geometry import GROSS
 from corridor.core.output import counted
@@ -106,7 +106,7 @@ def suspects(ties: pd.DataFrame, share: float = 0.1) -> tuple[np.ndarray, set[st
     """Which residuals (n,) of tie points are gross while those about them in their image are not,
     and images of which more than a share is, and far more than of others."""
     number, names = ties["image"].factorize()
-    apart = _alone(ties[["vx", "vy"]].to_numpy(), number, ties[["x", "y"]].to_numpy())
+    apart = _alone(values_of(ties, "vx", "vy"), number, values_of(ties, "x", "y"))
     alone = apart > _TYPICAL * _by_image(apart, number, len(names))[number, 0]
     of = ties.groupby("image", observed=True)["gross"].mean()
     images = of.index[of > max(share, _BEYOND * of.quantile(0.9))]

@@ -19,6 +19,7 @@ from corridor.core.adjustment.variance_components import (
     flights_of,
     restate,
 )
+from corridor.core.block import values_of
 from corridor.core.errors import some
 from corridor.core.geometry import OUTLIER
 from corridor.core.output import counted
@@ -115,7 +116,7 @@ def _concentrated(
     in turn: false positions follow each other, and may have drawn all others after them.
     """
     mine = np.isin(flights_of(result), flights)
-    sigma = result.residuals["gnss"][["sx", "sy", "sz"]].to_numpy()
+    sigma = values_of(result.residuals["gnss"], "sx", "sy", "sz")
     images = result.system.images
     taken = images.time[result.system.gnss.image] if np.isfinite(images.time).all() else None
     rows = np.flatnonzero(mine)
@@ -173,7 +174,7 @@ def lengths(found: Adjustment, sigma: np.ndarray) -> np.ndarray:
     """Residuals (k,) of the antenna positions in their own sigmas, all axes together, where the
     positions are good to sigma (k, 3), m; some may count for nothing in what is found."""
     table = found.residuals["gnss"]
-    v, used = table[["vx", "vy", "vz"]].to_numpy(), table[["sx", "sy", "sz"]].to_numpy()
+    v, used = values_of(table, "vx", "vy", "vz"), values_of(table, "sx", "sy", "sz")
     share, p = of_antennas(found.covariance), found.problem
     back = np.linalg.inv(np.sqrt(p.gnss_weight)[:, :, None] * p.gnss_turn)
     silent = (used > 2.0 * sigma).any(axis=1)

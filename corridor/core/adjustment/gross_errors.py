@@ -25,7 +25,7 @@ from corridor.core.adjustment.model import Model
 from corridor.core.adjustment.result import Adjustment, Again, where_it_leads
 from corridor.core.adjustment.variance_components import CONTRADICTING_FACTOR
 from corridor.core.adjustment.warnings import implausible
-from corridor.core.block import Block
+from corridor.core.block import Block, values_of
 from corridor.core.errors import AdjustmentFailed, InputError, some
 from corridor.core.geometry import GROSS, OUTLIER, robust_scale
 from corridor.core.output import counted
@@ -134,7 +134,7 @@ def _with_ground_apart(
 def _miss(found: Adjustment) -> float:
     """Median length by which positions miss, in their standard deviations; 0 without any."""
     table = found.residuals["gnss"]
-    miss = table[["vx", "vy", "vz"]].to_numpy() / table[["sx", "sy", "sz"]].to_numpy()
+    miss = values_of(table, "vx", "vy", "vz") / values_of(table, "sx", "sy", "sz")
     return float(np.median(np.linalg.norm(miss, axis=1))) if len(table) else 0.0
 
 
@@ -155,8 +155,8 @@ def _without_positions(
 ) -> Adjustment:
     """free: the model to go on with, where the result is of one whose camera and arm are held."""
     table = result.residuals["gnss"]
-    sigma = table[["sx", "sy", "sz"]].to_numpy()
-    size = np.linalg.norm(table[["vx", "vy", "vz"]].to_numpy() / sigma, axis=1)
+    sigma = values_of(table, "sx", "sy", "sz")
+    size = np.linalg.norm(values_of(table, "vx", "vy", "vz") / sigma, axis=1)
     if not len(size):
         return result
     # At a glance; their own standard deviations need covariances.
@@ -257,7 +257,7 @@ def _exchanged(found: Adjustment) -> list[str]:
     """A sentence on positions each of which is that of the other image."""
     table = found.residuals["gnss"]
     given = found.problem.gnss_given
-    seen = given - table[["vx", "vy", "vz"]].to_numpy()
+    seen = given - values_of(table, "vx", "vy", "vz")
     names = table["image"].astype(str).tolist()
     pairs = [f"{names[i]} and {names[j]}" for i, j in exchanged_points(given, seen)]
     if not pairs:

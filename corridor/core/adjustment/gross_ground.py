@@ -20,7 +20,7 @@ from corridor.core.adjustment.ground_variances import with_mark_sigma
 from corridor.core.adjustment.model import Model
 from corridor.core.adjustment.result import Adjustment, Again, where_it_leads
 from corridor.core.adjustment.warnings import implausible
-from corridor.core.block import Block
+from corridor.core.block import Block, values_of
 from corridor.core.camera import project
 from corridor.core.errors import InputError, some
 from corridor.core.geometry import GROSS, OUTLIER, robust_scale_of_lengths, similarity
@@ -171,7 +171,7 @@ def _set_aside(block: Block, rows: np.ndarray, away: np.ndarray) -> Block:
 def wrong_marks(table: pd.DataFrame, least: float = 1.0) -> np.ndarray:
     """Which marks (n,) are grossly off, by their residuals where they have no say: single ones, and
     all of an image that are off by one vector. least: of their scale, in standard deviations."""
-    v = table[["vx", "vy"]].to_numpy() / table[["sigma"]].to_numpy()
+    v = values_of(table, "vx", "vy") / values_of(table, "sigma")
     length = np.linalg.norm(v, axis=1)
     limit = GROSS * robust_scale_of_lengths(length, least=least)
     wrong = length > limit
@@ -208,7 +208,7 @@ def told_marks(robust: Adjustment, gone: pd.DataFrame) -> str:
     """A sentence on marks that are set aside, with the point to which each belongs by its place."""
     block = robust.block
     ground = block.ground
-    place = ground[["x", "y", "z"]].to_numpy(float)
+    place = values_of(ground, *"xyz")
     rotation = robust.state.rotation
     row = {name: k for k, name in enumerate(robust.problem.images.names.tolist())}
     shown, others = [], []
@@ -224,7 +224,7 @@ def told_marks(robust: Adjustment, gone: pd.DataFrame) -> str:
     many = counted(len(gone), "mark")
     told = f"{many} set aside, far from where all else puts the point: {some(shown, _NAMED)}."
     images = gone["image"].astype(str).unique()
-    v = gone[["vx", "vy"]].to_numpy()
+    v = values_of(gone, "vx", "vy")
     middle = np.median(v, axis=0)
     if len(gone) > 1 and len(images) == 1:
         if (np.linalg.norm(v - middle, axis=1) < 0.5 * np.linalg.norm(middle)).all():

@@ -15,7 +15,7 @@ from scipy.special import bdtrc, chdtrc, chdtri
 from corridor.core.adjustment.blunders import where_seen
 from corridor.core.adjustment.result import Adjustment, Again, from_where_it_ended, where_it_leads
 from corridor.core.adjustment.variance_components import CONTRADICTING_FACTOR, RARE_CHANCE, general
-from corridor.core.block import EXACT_M, Block, places
+from corridor.core.block import EXACT_M, Block, places, values_of
 from corridor.core.camera import projection_derivatives
 
 _FEWEST = 6
@@ -80,16 +80,22 @@ def _of_marks(result: Adjustment) -> float:
     table, p = result.residuals["mark"], result.problem
     if not result.converged or not len(table) or not len(result.start.ground):
         return 1.0
-    at = where_seen(result.start, result.pose)
     number = places(table["point"].astype(str), result.start.ground["point"].astype(str))
+    scaled = values_of(table, "vx", "vy") / values_of(table, "sigma") / general(result)
+    rays, square = (np.bincount(number + 1, of)[1:] for of in (None, (scaled**2).sum(axis=1)))
+    # Even with what another place of a point would take up.
+    most = CONTRADICTING_FACTOR**2 * chdtri(np.maximum(2.0 * rays - 3.0, _TOLD), 0.5)
+    if not (square > most).any():
+        return 1.0
+    at = where_seen(result.start, result.pose)
     known = (number >= 0) & np.isfinite(at).all(axis=1)[number]
-    number, sigma = number[known], table[["sigma"]].to_numpy()[known]
+    number, sigma = number[known], values_of(table, "sigma")[known]
     image = places(table["image"].astype(str)[known], pd.Series(p.images.names).astype(str))
     slope = projection_derivatives(
         at[number], result.state.centre[image], result.state.rotation[image],
         result.state.interior, p.images.camera[image],
     ).by_point  # fmt: skip
-    left = table[["vx", "vy"]].to_numpy()[known] / sigma / general(result)
+    left = scaled[known]
     _, point = np.unique(number, return_inverse=True)
     design = slope / sigma[:, :, None]
 
@@ -106,7 +112,7 @@ def _of_marks(result: Adjustment) -> float:
 def _of_control(result: Adjustment) -> float:
     """By what the standard deviations of control are too small."""
     table = result.residuals["control"]
-    v = table[["vx", "vy", "vz"]].to_numpy() / table[["sx", "sy", "sz"]].to_numpy()
+    v = values_of(table, "vx", "vy", "vz") / values_of(table, "sx", "sy", "sz")
     if not result.converged or len(table) < 2 or not (np.abs(v) > _LOOK).sum() > len(table):
         return 1.0
     square, share = result.reliability.independent("control")

@@ -106,8 +106,11 @@ class Normal:
         self.storage = storage
         root = np.sqrt(p.control_weight)[:, :, None] * p.control_turn
         lower = np.tril_indices(3)
-        whole = (root.transpose(0, 2, 1) @ root)[:, lower[0], lower[1]]
-        self.control_weight = whole, np.ascontiguousarray(root[:, lower[0], lower[1]])
+        # In one layout: a kernel is compiled for each anew.
+        self.control_weight = tuple(
+            np.ascontiguousarray(one[:, lower[0], lower[1]])
+            for one in (root.transpose(0, 2, 1) @ root, root)
+        )
         rows, size = p.exposure_count + self.pieces.apart, exposures.size
         self.gradient = np.zeros((rows, size))
         self.reference = np.zeros((rows, size))

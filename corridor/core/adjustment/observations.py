@@ -13,7 +13,7 @@ from corridor.core.adjustment.ordering import (
     sorted_rows,
 )
 from corridor.core.adjustment.rigs import lots
-from corridor.core.block import Block, exposures_of, independent, is_among, level_axes
+from corridor.core.block import Block, exposures_of, independent, is_among, level_axes, values_of
 from corridor.core.effects import Images
 from corridor.core.errors import InputError
 
@@ -106,7 +106,7 @@ def _starts_of_marks(block: Block) -> np.ndarray:
         return starts
     rows = block.points[is_among(block.points["point"], vague)]
     at = block.marks["point"].dtype.categories.get_indexer(rows["point"])
-    xyz = rows[["x", "y", "z"]].to_numpy(float)
+    xyz = values_of(rows, *"xyz")
     known = (at >= 0) & np.isfinite(xyz).all(axis=1)
     starts[at[known]] = xyz[known]
     return starts

@@ -35,7 +35,7 @@ from corridor.core.adjustment.variance_components import (
     slow,
 )
 from corridor.core.adjustment.warnings import FAR_SIGMAS
-from corridor.core.block import Block, turned
+from corridor.core.block import Block, turned, values_of
 from corridor.core.effects import every_effect
 from corridor.core.geometry import OUTLIER
 from corridor.core.preparation import derived, record_derived
@@ -156,7 +156,7 @@ def _scatter(result: Adjustment) -> np.ndarray:
     p = result.problem
     table = result.residuals["gnss"]
     root = np.sqrt(p.gnss_weight)[:, :, None] * p.gnss_turn
-    v = turned(root, table[["vx", "vy", "vz"]].to_numpy())
+    v = turned(root, values_of(table, "vx", "vy", "vz"))
     share = shares_of_antennas(result.covariance)
     left = np.empty_like(v)
     to_world = result.state.rotation[p.gnss_image].transpose(0, 2, 1)
@@ -381,7 +381,7 @@ def without_unseen_arms(result: Adjustment, again: Again) -> Adjustment:
     arms = result.lever_arm
     if not result.problem.arms_free or result.problem.model.lever_arm is not None or not len(arms):
         return result
-    sigma = float(np.nanmax(arms[["sx", "sy", "sz"]].to_numpy(float)))
+    sigma = float(np.nanmax(values_of(arms, "sx", "sy", "sz")))
     if not sigma > _ARM_M:
         return result
     model = replace(result.problem.model, lever_arm="fixed")

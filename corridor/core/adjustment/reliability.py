@@ -18,7 +18,7 @@ from corridor.core.adjustment.cofactors import OfPoint, of_antennas, of_control,
 from corridor.core.adjustment.external_reliability import moves
 from corridor.core.adjustment.problem import POSE_KINDS
 from corridor.core.adjustment.snooping import LEAST_SHOWN_SHARE, Blunder, blunders, with_scale
-from corridor.core.block import turned
+from corridor.core.block import turned, values_of
 from corridor.core.output import with_units
 
 if TYPE_CHECKING:
@@ -166,7 +166,7 @@ class Reliability:
         is wrong gets a name with a probability of 1 %. See `corridor.core.adjustment.snooping`.
         """
         residuals = self._of.residuals["control"]
-        sigma = residuals[["sx", "sy", "sz"]].to_numpy().ravel()
+        sigma = values_of(residuals, "sx", "sy", "sz").ravel()
         names = [f"{name} {axis}" for name in residuals["point"] for axis in "xyz"]
         rows = []
         for one in self._blunders:
@@ -188,8 +188,8 @@ class Reliability:
         residuals = self._of.residuals["control"]
         if len(residuals) < 2:
             return []
-        v = residuals[["vx", "vy", "vz"]].to_numpy()
-        sigma = residuals[["sx", "sy", "sz"]].to_numpy()
+        v = values_of(residuals, "vx", "vy", "vz")
+        sigma = values_of(residuals, "sx", "sy", "sz")
         root = self._root("control")
         white = (v / sigma if root is None else turned(root, v)).ravel()
         white, share = with_scale(white, self.control_cofactors, max(self.image_scale, 1.0))
@@ -211,9 +211,9 @@ class Reliability:
         residuals = self._of.residuals.get(kind, pd.DataFrame())
         if not len(residuals):
             return np.zeros((0, 3)), np.zeros((0, 3))
-        v = residuals[["vx", "vy", "vz"]].to_numpy()
+        v = values_of(residuals, "vx", "vy", "vz")
         root = self._root(kind)
-        scaled = v / residuals[["sx", "sy", "sz"]].to_numpy() if root is None else turned(root, v)
+        scaled = v / values_of(residuals, "sx", "sy", "sz") if root is None else turned(root, v)
         return scaled**2, np.clip(np.einsum("nii->ni", self._share(kind)), 0.0, 1.0)
 
     def _share(self, kind: str) -> np.ndarray:
@@ -287,8 +287,8 @@ def _table(
     keys = (key,) if isinstance(key, str) else key
     k = share.shape[1]
     axes = list("xyz"[:k])
-    v = residuals[[f"v{axis}" for axis in axes]].to_numpy()
-    sigma = residuals[[f"s{axis}" for axis in axes]].to_numpy()
+    v = values_of(residuals, *(f"v{axis}" for axis in axes))
+    sigma = values_of(residuals, *(f"s{axis}" for axis in axes))
     if root is None:
         root = np.eye(k) / sigma[:, :, None]
         r = np.clip(np.einsum("nii->ni", share), 0.0, 1.0)

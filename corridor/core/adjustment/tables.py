@@ -19,7 +19,16 @@ from corridor.core.adjustment.point_quality import quality
 from corridor.core.adjustment.reliability import Reliability
 from corridor.core.adjustment.solving import Solution
 from corridor.core.adjustment.unknowns import IN_PIXELS
-from corridor.core.block import POSE, Block, along_axes, covariance_of, frugal, places, turned
+from corridor.core.block import (
+    POSE,
+    Block,
+    along_axes,
+    covariance_of,
+    frugal,
+    places,
+    turned,
+    values_of,
+)
 from corridor.core.camera import INTERIOR
 from corridor.core.effects import Values
 from corridor.core.engine.scene import robust
@@ -128,11 +137,8 @@ class Tables(Checked):
     def _at(self, slugs: Collection[str] = ()) -> Block:
         """The block with adjusted poses, and what effects but these state anew."""
         p, state = self.problem, self.state
-        pose = np.empty((p.image_count, 7))
-        pose[p.order, :3] = state.centre
-        pose[p.order, 3:] = quaternion_from_rotation(state.rotation)
         block = p.block.copy()
-        block.put("images", POSE, pose)
+        block.put("images", POSE, self._as_adjusted)
         for slug, member in p.stack.members.items():
             if slug not in slugs:
                 block = member.effect.restated(block, state.effects[slug])
@@ -169,7 +175,16 @@ class Tables(Checked):
     @property
     def pose(self) -> np.ndarray:
         """(images, 7): x, y, z and qw, qx, qy, qz in the order of images.csv."""
-        return self._posed.poses
+        return self._posed.poses if self.problem.stack.members else self._as_adjusted
+
+    @cached_property
+    def _as_adjusted(self) -> np.ndarray:
+        """`pose`, where no effect states anything anew."""
+        p, state = self.problem, self.state
+        pose = np.empty((p.image_count, 7))
+        pose[p.order, :3] = state.centre
+        pose[p.order, 3:] = quaternion_from_rotation(state.rotation)
+        return pose
 
     # --- residuals ---------------------------------------------------------------------------
 
@@ -303,8 +318,8 @@ class Tables(Checked):
             if not len(frame):
                 continue
             if kind in ("gnss", "control", "attitude"):
-                v = frame[["vx", "vy", "vz"]].to_numpy()
-                s = frame[["sx", "sy", "sz"]].to_numpy()
+                v = values_of(frame, "vx", "vy", "vz")
+                s = values_of(frame, "sx", "sy", "sz")
                 turn, weight = self.correlated(kind)
                 scaled = v / s if turn is None else turned(turn, v) * np.sqrt(weight)
                 out[kind] = {
@@ -563,16 +578,25 @@ class Tables(Checked):
     @cached_property
     def exchanged(self) -> list[tuple[str, str]]:
         """Pairs of ground points each of which lies where the other was surveyed."""
-        control, check = self.residuals["control"], self.check_points
-        names = [*self.system.control_names, *check["point"]]
+        control, check = self.residuals["control"], self._checked[0]
+        block = self.problem.block
+        names = [*self.system.control_names, *block.ground["point"].to_numpy(dtype=object)[check]]
         off = len(control) and control["outlier"].any()
         if len(names) < 2 or not (off or len(check)):
             return []
-        block = self.problem.block
         rows = pd.Index(block.ground["point"]).get_indexer(names)
         seen = where_seen(block, self.pose, self.state.interior)[rows]
         pairs = exchanged_points(block.numbers("ground", *"xyz")[rows], seen)
         return [(names[i], names[j]) for i, j in pairs]
+
+    @cached_property
+    def _checked(self) -> tuple[np.ndarray, np.ndarray]:
+        """Rows of ground.csv and of points (n,) of the check points that images show."""
+        p = self.problem
+        rows = np.flatnonzero(p.roles == "check")
+        marks = np.flatnonzero(p.point_kinds)
+        at = pd.Index(p.point_index[marks]).get_indexer(p.block.ground["point"].iloc[rows])
+        return rows[at >= 0], marks[at[at >= 0]]
 
     @cached_property
     def check_points(self) -> pd.DataFrame:
@@ -584,20 +608,16 @@ class Tables(Checked):
         """
         p = self.problem
         ground = p.block.ground
-        rows = np.flatnonzero(p.roles == "check")
+        rows, index = self._checked
         names = ground["point"].to_numpy(dtype=object)[rows]
-        given = ground[["x", "y", "z"]].to_numpy(float)[rows]
-        marks = np.flatnonzero(p.point_kinds)
-        at = {name: n for n, name in zip(marks, p.point_index[marks], strict=True)}
-        seen = np.array([name in at for name in names], dtype=bool)
-        index = np.array([at[name] for name in names[seen]], dtype=int)
-        table = pd.DataFrame({"point": names[seen]})
-        found, shown = self.state.points[index], names[seen].tolist()
-        moved = p.stack.moved_ground(p.images, shown, found, self.state.effects)
-        table[["dx", "dy", "dz"]] = found - (given[seen] - moved)
+        given = values_of(ground, *"xyz")[rows]
+        table = pd.DataFrame({"point": names})
+        found = self.state.points[index]
+        moved = p.stack.moved_ground(p.images, names.tolist(), found, self.state.effects)
+        table[["dx", "dy", "dz"]] = found - (given - moved)
         # Of no point the covariances need not be worked out.
         variance = self.covariance.points(index)[:, [0, 2, 5]] if len(index) else np.zeros((0, 3))
-        surveyed = p.block.ground_sigma()[rows[seen]]
+        surveyed = p.block.ground_sigma()[rows]
         own = self.sigma0 * np.sqrt(variance)
         table[["sx", "sy", "sz"]] = own
         table[["s_dx", "s_dy", "s_dz"]] = np.hypot(own, surveyed)

@@ -18,7 +18,7 @@ from scipy.special import chdtr, chdtrc, chdtri
 
 from corridor.core.adjustment.problem import POSE_KINDS
 from corridor.core.adjustment.result import Adjustment
-from corridor.core.block import Block
+from corridor.core.block import Block, values_of
 from corridor.core.gnss import SlowNoise
 
 _PLAN, _HEIGHT = slice(0, 2), slice(2, 3)
@@ -105,7 +105,7 @@ def _suspicious(result: Adjustment) -> bool:
     table = result.residuals["gnss"]
     if len(table) < 3:
         return False
-    scaled = table[["vx", "vy", "vz"]].to_numpy() / table[["sx", "sy", "sz"]].to_numpy()
+    scaled = values_of(table, "vx", "vy", "vz") / values_of(table, "sx", "sy", "sz")
     flights = flights_of(result)
     return any(
         np.sqrt(np.mean(scaled[flights == flight, axes] ** 2)) > _QUICK

@@ -7,6 +7,7 @@ import pandas as pd
 
 from corridor.core.adjustment.blunders import told_exchanged
 from corridor.core.adjustment.tables import Tables
+from corridor.core.block import values_of
 from corridor.core.camera import project_rays
 from corridor.core.effects import Without, every_effect
 from corridor.core.errors import some
@@ -85,9 +86,8 @@ def _strange_camera(a):
         found = a.state.interior[a.problem.images.camera_names.index(name)]
         f, cx, cy = found[:3].tolist()
         ratio = f / stated["f"]
-        sigma = a.camera.query("camera == @name").set_index("parameter")["sigma"]
-        sure = abs(f - stated["f"]) > FAR_SIGMAS * sigma["f"]
-        if "f" in free and sure and abs(np.log(ratio)) > np.log(1.0 + FAR_FOCAL):
+        far = "f" in free and ratio > 0.0 and abs(np.log(ratio)) > np.log(1.0 + FAR_FOCAL)
+        if far and abs(f - stated["f"]) > FAR_SIGMAS * _sigma_of_focal(a, name):
             half = abs(np.log2(ratio) - np.round(np.log2(ratio))) < 0.03 and abs(ratio - 1) > 0.4
             cause = (
                 "were image points measured on pictures of another size?"
@@ -110,6 +110,11 @@ def _strange_camera(a):
                 f"The principal point of camera {name} came out at {cx:.0f}, {cy:.0f} px where "
                 f"block.toml states {stated['cx']:.0f}, {stated['cy']:.0f}: {cause}"
             )
+
+
+def _sigma_of_focal(a, camera: str) -> float:
+    mine = (a.camera["camera"] == camera) & (a.camera["parameter"] == "f")
+    return float(a.camera["sigma"][mine].iloc[0])
 
 
 def _straight_fisheyes(a):
@@ -235,7 +240,7 @@ def _motion(a):
     axis, factor, offset = p.images.row_of[image].T
     row = 2 * (factor * np.where(axis == 1, ties["y"], ties["x"]) + offset)
     basis = np.vander(row, _ROW_DEGREE + 1, increasing=True)
-    v = ties[["vx", "vy"]].to_numpy() / ties[["sigma"]].to_numpy()
+    v = values_of(ties, "vx", "vy") / values_of(ties, "sigma")
     order = np.argsort(image, kind="stable")
     parts = np.split(order, np.flatnonzero(np.diff(image[order])) + 1)
     parts = [part for part in parts if len(part) > 10 * (_ROW_DEGREE + 1)]
@@ -342,7 +347,7 @@ def _fit(a):
     control = a.residuals["control"]
     if len(control) < _SEVERAL:
         return
-    left, stated = (control[[f"{one}{axis}" for axis in "xyz"]].to_numpy() for one in "vs")
+    left, stated = (values_of(control, *(f"{one}{axis}" for axis in "xyz")) for one in "vs")
     size, usual = float(np.sqrt(np.mean(left**2))), float(np.median(stated))
     if usual > _COARSE_M and size < _FINE * usual:
         yield (

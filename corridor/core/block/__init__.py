@@ -45,4 +45,5 @@ from corridor.core.block.tables import (
     frugal,
     is_among,
     places,
+    values_of,
 )

@@ -154,6 +154,11 @@ def is_among(names: pd.Series | pd.Index, known: pd.Series | pd.Index | list) ->
     return found.to_numpy(zero_copy_only=False)
 
 
+def values_of(frame: pd.DataFrame, *columns: str) -> np.ndarray:
+    """(n, columns) float64 of some columns. Of few rows `frame[[...]]` takes five times as long."""
+    return np.array([frame[name].to_numpy(dtype=np.float64) for name in columns]).T
+
+
 def places(names: pd.Series | pd.Index, known: pd.Series | pd.Index) -> np.ndarray:
     """(n,) int32: where each name stands among the known ones, -1 where it does not.
 

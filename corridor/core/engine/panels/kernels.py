@@ -565,18 +565,17 @@ def _add_group(p, place, span, scene, equations, room, work, d):
             )  # fmt: skip
 
 
-def make_assemble(d, sighted=False):
-    """The assembly for images with `d` unknowns (6 and the effects of their own).
+def make_assemble(plain):
+    """The assembly.
 
-    sighted: effects on the image see object points; known when it is compiled, it costs the
-    others nothing.
+    plain: of images with six unknowns, whose effects see no object point: known when it is
+    compiled, that makes it a third faster.
     """
-    row = row_length(d)
 
     @compiled(**KERNEL)
-    def core(first, last, scene, damping, equations, totals, room, work):
-        # No literal d: all that takes it would be compiled once for each. LLVM knows it anyway.
-        size = np.int64(d)
+    def core(first, last, scene, damping, equations, totals, room, work, kind):
+        # No literals: all that takes them would be compiled once for each. LLVM knows them anyway.
+        size, sighted = (np.int64(6), False) if plain else kind
         columns = scene.columns
         start = scene.observations.start
         p = first
@@ -607,24 +606,25 @@ def make_assemble(d, sighted=False):
                 p += count
                 n += count * m
 
-    def assemble(first, last, scene, damping, equations, totals, longest):
+    def assemble(first, last, scene, damping, equations, totals, longest, kind):
         """Add the reduced normal equations of points first..last.
 
-        totals (3,): cost, behind, weak directions. longest: the most rays of a point.
+        totals (3,): cost, behind, weak directions. longest: the most rays of a point. kind: how
+        many unknowns an image has (6 and the effects of its own), and whether effects on the image
+        see object points.
         """
-        wide = scene.columns.wide
+        wide, d = scene.columns.wide, kind[0]
         room = make_room(BLOCK + GROUP * longest, d, wide)
         work = Work(
             part=aligned(longest * 8),
             left=aligned(len(room.image) * 2 * wide),
-            y=aligned(longest * GROUP * 3 * row),
+            y=aligned(longest * GROUP * 3 * row_length(d)),
             control=aligned(3 * wide),
             residual=np.zeros(3),
             z=aligned(3 * wide),
         )
-        core(first, last, scene, damping, equations, totals, room, work)
+        core(first, last, scene, damping, equations, totals, room, work, kind)
 
-    assemble.core = core
     return assemble
 
 
@@ -697,46 +697,39 @@ def _ray_sums(seen, n, first, count, scene, step, room, sums, kind):
     )  # fmt: skip
 
 
-def make_substitute(d, sighted=False):
-    """The way back to the points for images with `d` unknowns; sighted: as of `make_assemble`."""
+@compiled(late=True, **KERNEL)
+def _substitute(first, last, scene, damping, step, moved, totals, room, sums, kind):
+    start = scene.observations.start
+    p = first
+    while p < last:
+        begin, n = p, np.int64(0)
+        while p < last and n < BLOCK:
+            n = add_point(p, n, scene, room)
+            p += 1
+        fill_up(n, room)
+        for at in range(0, n, PANEL):
+            seen, _ = see(at, start[begin], n, scene, room)
+            _ray_sums(seen, at, start[begin], n, scene, step, room, sums, kind)
+        at = U(0)
+        for point in range(begin, p):
+            a, b = zeros(), zeros()
+            for _ in range(start[point + 1] - start[point]):
+                a, b = a + panel(sums, at), b + panel(sums, at + U(PANEL))
+                at += U(2 * PANEL)
+            down, square = _move(point, a, b, scene, damping, step, moved)
+            totals[0] += down
+            totals[1] += square
 
-    @compiled(late=True, **KERNEL)
-    def core(first, last, scene, damping, step, moved, totals, room, sums):
-        start = scene.observations.start
-        p = first
-        while p < last:
-            begin, n = p, np.int64(0)
-            while p < last and n < BLOCK:
-                n = add_point(p, n, scene, room)
-                p += 1
-            fill_up(n, room)
-            for at in range(0, n, PANEL):
-                seen, _ = see(at, start[begin], n, scene, room)
-                _ray_sums(
-                    seen, at, start[begin], n, scene, step, room, sums, (np.int64(d), sighted)
-                )  # fmt: skip
-            at = U(0)
-            for point in range(begin, p):
-                a, b = zeros(), zeros()
-                for _ in range(start[point + 1] - start[point]):
-                    a, b = a + panel(sums, at), b + panel(sums, at + U(PANEL))
-                    at += U(2 * PANEL)
-                down, square = _move(point, a, b, scene, damping, step, moved)
-                totals[0] += down
-                totals[1] += square
 
-    def substitute(first, last, scene, damping, step, moved, totals, longest):
-        """Move points first..last by a step.
+def substitute(first, last, scene, damping, step, moved, totals, longest, kind):
+    """The way back: move points first..last by a step.
 
-        moved: (points, 3) receives the new points. totals (2,): the points' part of
-        step . gradient and of step . diagonal . step. longest: the most rays of a point.
-        """
-        room = make_room(BLOCK + longest, d, scene.columns.wide)
-        sums = aligned(len(room.image) * 2 * PANEL)
-        core(first, last, scene, damping, step, moved, totals, room, sums)
-
-    substitute.core = core
-    return substitute
+    moved: (points, 3) receives the new points. totals (2,): the points' part of step . gradient and
+    of step . diagonal . step. longest: the most rays of a point. kind: as of the assembly.
+    """
+    room = make_room(BLOCK + longest, kind[0], scene.columns.wide)
+    sums = aligned(len(room.image) * 2 * PANEL)
+    _substitute(first, last, scene, damping, step, moved, totals, room, sums, kind)
 
 
 @njit(**UNWRAPPED)

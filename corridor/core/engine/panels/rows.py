@@ -3,7 +3,6 @@
 Source: Triggs et al. 2000, section 6 (elimination of the points).
 """
 
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from corridor.core.engine.compiled import KERNEL, compiled
 from corridor.core.engine.panels.kernels import invert_cholesky
 from corridor.core.engine.panels.lanes import panel, plus, put, zeros
-from corridor.core.engine.panels.rays import U, fill_rows, row_length, three
+from corridor.core.engine.panels.rays import U, fill_rows, inner_row_length, three
 from corridor.core.engine.scene import PANEL
 
 
@@ -78,40 +77,35 @@ def pass_points(rays, left, to):
                         put(to.unknowns, here, plus(panel(to.unknowns, here), rays.shared[n, c], e))
 
 
-@lru_cache
-def rows_for(d: int, sighted: bool):
-    """The kernel that makes the rows, for images with `d` unknowns; arguments as of the assembly's.
+@compiled(**KERNEL)
+def fill(first, last, scene, weight, to, room, kind):
+    """Make the rows of points first..last; arguments as of the assembly's.
 
-    It gets the weight (points, 6) of control, where rows go (`Out`), and room for a point's rays.
+    weight (points, 6): of control. to: where rows go. room: for a point's rays.
     """
-
-    row = row_length(d)
-
-    @compiled(**KERNEL)
-    def core(first, last, scene, weight, to, room):
-        start, wide = scene.observations.start, scene.columns.wide
-        # Rows by the point, negative. No literals: `fill_rows` would be compiled for them alone.
-        by_point, apart = (room.point, PANEL) if sighted else (room.own, row)
-        for p in range(first, last):
-            fill_rows(p, p + 1, scene, room, (np.int64(0), wide), np.int64(d))
-            v0, v1, v2 = weight[p - first, 0], weight[p - first, 1], weight[p - first, 2]
-            v3, v4, v5 = weight[p - first, 3], weight[p - first, 4], weight[p - first, 5]
-            for k in range(2 * (start[p + 1] - start[p])):
-                n = 2 * (start[p] - start[first]) + k
-                for c in range(d):
-                    to.own[n * d + c] = room.own[k * row + c]
-                for c in range(wide):
-                    to.shared[n * wide + c] = room.shared[k * wide + c]
-                a0, a1, a2 = three(by_point, U(k * apart))
-                to.point[3 * n], to.point[3 * n + 1], to.point[3 * n + 2] = -a0, -a1, -a2
-                v0 += a0 * a0
-                v1 += a1 * a0
-                v2 += a1 * a1
-                v3 += a2 * a0
-                v4 += a2 * a1
-                v5 += a2 * a2
-            i0, i1, i2, i3, i4, i5, _ = invert_cholesky((v0, v1, v2, v3, v4, v5))
-            to.root[p - first, 0], to.root[p - first, 1], to.root[p - first, 2] = i0, i1, i2
-            to.root[p - first, 3], to.root[p - first, 4], to.root[p - first, 5] = i3, i4, i5
-
-    return core
+    d, sighted = kind
+    row = inner_row_length(d)
+    start, wide = scene.observations.start, scene.columns.wide
+    # Rows by the point, negative. No literals: `fill_rows` would be compiled for them alone.
+    by_point, apart = (room.point, PANEL) if sighted else (room.own, row)
+    for p in range(first, last):
+        fill_rows(p, p + 1, scene, room, (np.int64(0), wide), d)
+        v0, v1, v2 = weight[p - first, 0], weight[p - first, 1], weight[p - first, 2]
+        v3, v4, v5 = weight[p - first, 3], weight[p - first, 4], weight[p - first, 5]
+        for k in range(2 * (start[p + 1] - start[p])):
+            n = 2 * (start[p] - start[first]) + k
+            for c in range(d):
+                to.own[n * d + c] = room.own[k * row + c]
+            for c in range(wide):
+                to.shared[n * wide + c] = room.shared[k * wide + c]
+            a0, a1, a2 = three(by_point, U(k * apart))
+            to.point[3 * n], to.point[3 * n + 1], to.point[3 * n + 2] = -a0, -a1, -a2
+            v0 += a0 * a0
+            v1 += a1 * a0
+            v2 += a1 * a1
+            v3 += a2 * a0
+            v4 += a2 * a1
+            v5 += a2 * a2
+        i0, i1, i2, i3, i4, i5, _ = invert_cholesky((v0, v1, v2, v3, v4, v5))
+        to.root[p - first, 0], to.root[p - first, 1], to.root[p - first, 2] = i0, i1, i2
+        to.root[p - first, 3], to.root[p - first, 4], to.root[p - first, 5] = i3, i4, i5
