@@ -643,9 +643,11 @@ three = replace(three, tie_points=replace(three.tie_points, per_image=40))
 rows = {}
 for words, change in ways.items():
     flights = tuple(replace(f, **change) if f.tilt_deg else f for f in three.flights)
-    block = corridor.simulate(replace(three, flights=flights), seed=seed)
+    flown = viabon.joined(corridor.simulate(replace(three, flights=flights), seed=seed))
     rms = [
-        corridor.adjust(block, camera=camera, control=control[1], check=control[2]).check_rms
+        corridor.adjust(
+            flown, camera=camera, control=control[1], check=control[2], strict=True
+        ).check_rms
         for camera in ("fraser8", "fraser10")
     ]
     rows[words] = [100 * value for one in rms for value in (one.xy, one.z)]

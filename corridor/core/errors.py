@@ -12,12 +12,20 @@ class InputError(CorridorError, ValueError):
     """The input is wrong: one sentence that names the file, the row and what to do."""
 
 
+class StartError(InputError):
+    """Start values from which nothing can be adjusted; others may do."""
+
+
 class WorkFailed(CorridorError, RuntimeError):
     """The input is readable but the work cannot be done: one sentence says why."""
 
 
 class AdjustmentFailed(WorkFailed):
     """The unknowns of a block cannot be determined, or the iteration does not end."""
+
+
+class StartFailed(AdjustmentFailed):
+    """Start values are so far off that no step leads anywhere; others may do."""
 
 
 class ReadoutFailed(WorkFailed):

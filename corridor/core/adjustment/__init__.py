@@ -9,6 +9,7 @@ determines is `Singular`.
 from corridor.core.adjustment.absolute_orientation import AbsoluteOrientation, lay_on_control
 from corridor.core.adjustment.adjusting import Run, adjust, complete, refit
 from corridor.core.adjustment.along import PrecisionAlong, read_corners
+from corridor.core.adjustment.blunders import without_wild_cells
 from corridor.core.adjustment.check_statistics import Parts, check_table
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.datum import QUANTITIES, open_motions

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,7 +24,11 @@ from corridor.core.adjustment.false_matches import suspects, with_true_matches, 
 from corridor.core.adjustment.false_positions import without_false_fixes
 from corridor.core.adjustment.gross_errors import begun_with_sound_positions, without_gross_errors
 from corridor.core.adjustment.ground_variances import with_ground_doubts, with_marks_as_they_are
-from corridor.core.adjustment.left_out import adjustable_part, adjustable_part_as_seen
+from corridor.core.adjustment.left_out import (
+    adjustable_part,
+    adjustable_part_as_seen,
+    moved_from_start,
+)
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.matrix import Singular
 from corridor.core.adjustment.model import Loss, Model, listed_effects
@@ -43,10 +48,10 @@ from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.turns import with_turns_as_seen
 from corridor.core.adjustment.variance_components import CONTRADICTING_FACTOR
 from corridor.core.adjustment.warnings import implausible
-from corridor.core.block import POSE, Block, read, values_of, with_rigid_poses
+from corridor.core.block import POSE, Block, places, read, values_of, with_rigid_poses
 from corridor.core.effects import Effect, check_needs
 from corridor.core.engine.scene import SQUARES
-from corridor.core.errors import AdjustmentFailed, InputError, some
+from corridor.core.errors import AdjustmentFailed, InputError, StartError, StartFailed, some
 from corridor.core.options import options
 from corridor.core.output import Progress, counted, telling
 from corridor.core.preparation import (
@@ -54,6 +59,7 @@ from corridor.core.preparation import (
     plausibility_warnings,
     prepare,
     without_impossible_points,
+    without_starts,
 )
 
 # Real flights take 15 to 30; a robust loss creeps along weak directions for up to 70.
@@ -78,6 +84,8 @@ _WEIGHTS = ("estimated", "marks", "stated")
 _FEW_POSES = 2
 # A point that ends this near to a camera, of where it began, has fallen into it.
 _FALLEN = 0.1
+# No start pose of a gimbal, or of a course, is off by so much, degrees.
+_FAR_DEG = 15.0
 
 
 @dataclass(frozen=True)
@@ -175,11 +183,6 @@ def adjust(
             found.begun_from(part)
             return found
 
-    block, turned = with_turns_as_seen(block, again)
-    block, other = without_impossible_points(block, run.strict)
-    block, left_out = adjustable_part_as_seen(block, model, again, run.strict)
-    doubtful = [*turned, *other, *plausibility_warnings(block, without=True)]
-
     def whole(part: Block) -> Adjustment:
         found = _without_gross_errors(part, model, again, weights == "marks", run.strict)
         if reject_gnss:
@@ -192,18 +195,75 @@ def adjust(
         found = with_held_focal_asked(found, again)
         return with_ground_doubts(found) if weights == "estimated" else found
 
+    def from_start(block: Block) -> Adjustment:
+        block, turned = with_turns_as_seen(block, again)
+        block, other = without_impossible_points(block, run.strict)
+        block, left_out = adjustable_part_as_seen(block, model, again, run.strict)
+        doubtful = [*turned, *other, *plausibility_warnings(block, without=True)]
+        try:
+            result, exchanged = _with_ground_as_seen(block, model, whole, again, run.strict)
+        except (InputError, AdjustmentFailed) as error:
+            if not doubtful:
+                raise
+            # What looks wrong at first sight is the likelier cause.
+            raise type(error)(f"{doubtful[0]} So: {error}") from None
+        result.doubts = doubtful
+        used = _used(prepared, listed_effects(model.effects))
+        result.add_note(*doubtful, *left_out, *exchanged, *reversed(used))
+        return result
+
+    return _from_a_better_start(block, from_start)
+
+
+def _from_a_better_start(block: Block, adjusted: Callable[[Block], Adjustment]) -> Adjustment:
+    """Adjusted from the start values. Where that fails, or moves far from them and does not fit, or
+    only without some of the measurements, from start values that are made of the measurements
+    alone, where that fits, and with more of them."""
+    result, told = None, ""
     try:
-        result, exchanged = _with_ground_as_seen(block, model, whole, again, run.strict)
-        left_out += exchanged
-    except (InputError, AdjustmentFailed) as error:
-        if not doubtful:
-            raise
-        # What looks wrong at first sight is the likelier cause.
-        raise type(error)(f"{doubtful[0]} So: {error}") from None
-    result.doubts = doubtful
-    used = _used(prepared, listed_effects(model.effects))
-    result.add_note(*doubtful, *left_out, *reversed(used))
-    return result
+        result = adjusted(block)
+        fits, lost = _fits(result), _left_out(block, result)
+        if fits and not lost or not _far_from_start(result, block):
+            return result
+        told = f"{lost:,} measurements are left out" if fits else "the adjustment does not fit"
+    except (StartError, StartFailed) as error:
+        failure, told = error, str(error).rstrip(".")
+    bare = _without_any_start(block)
+    better = where_it_leads(adjusted, bare) if bare is not None else None
+    if better is None or not _fits(better) or implausible(better):
+        better = None
+    elif result is not None and fits and not _left_out(block, better) < lost:
+        better = None
+    if better is None:
+        if result is None:
+            raise failure
+        return result
+    better.add_note(
+        "The start poses of images.csv are not used: without them everything fits, with poses "
+        f"computed from the tie points. With them: {told}."
+    )
+    return better
+
+
+def _fits(result: Adjustment) -> bool:
+    return result.converged and _size(result) < _MISFIT
+
+
+def _left_out(block: Block, result: Adjustment) -> int:
+    """How many rays of tie points and positions of a block an adjustment makes no use of."""
+    p, rays = result.problem, np.bincount(block.tie_points["point"].cat.codes)
+    ties = np.count_nonzero(p.row < p.tie_count)
+    return int(rays[rays > 1].sum() - ties + len(block.gnss) - len(p.gnss_image))
+
+
+def _far_from_start(result: Adjustment, block: Block) -> bool:
+    """Whether any image is elsewhere, by half of the way to its neighbour, or looks elsewhere."""
+    pose = result.pose
+    start = block.poses[places(result.start.images["image"], block.images["image"])]
+    away, turn = moved_from_start(pose, start)
+    near = np.median(np.linalg.norm(np.diff(pose[:, :3], axis=0), axis=1))
+    far = (away > 0.5 * near) | (turn > _FAR_DEG)
+    return bool(far.any())
 
 
 def refit(
@@ -468,21 +528,73 @@ def complete(block: Block, progress: Callable[[Progress], None] | None = None) -
     See `corridor.adjustment.initial`. progress: called with a `Progress`.
     Raises InputError naming the images that cannot be oriented, and the remedy.
     """
-    from corridor.core.adjustment import initial  # loads OpenCV: 25 MB
-
     posed = np.isfinite(block.poses).all(axis=1)
     if len(block.points) and not posed.any() and (len(block.gnss) or len(block.ground) > 2):
         # Rough points would hold poses that are made from nothing; they are start values after.
         bare = block.copy()
         bare.points = bare.points.iloc[:0]
         try:
-            made = initial.complete(bare, _interim, progress)
+            made = _completed(bare, progress)
         except InputError:
-            return initial.complete(block, _interim, progress)
+            return _completed(block, progress)
         given = made.points["point"].isin(block.points.dropna()["point"])
         made.points = pd.concat([block.points, made.points[~given]], ignore_index=True)
         return made
-    return initial.complete(block, _interim, progress)
+    return _completed(block, progress)
+
+
+def _completed(block: Block, progress: Callable[[Progress], None] | None) -> Block:
+    """As `complete`. Where start poses are too rough to orient another image beside them, it is
+    oriented beside what an adjustment makes of them, or all images are without them."""
+    from corridor.core.adjustment import initial  # loads OpenCV: 25 MB
+
+    try:
+        return initial.complete(block, _interim, progress)
+    except InputError as failure:
+        error = failure
+    pose, posed = block.poses, np.isfinite(block.poses).all(axis=1)
+    for near, kept in (
+        (_with_adjusted_starts(block), posed),
+        (_without_any_start(block), np.zeros(len(posed), dtype=bool)),
+    ):
+        if near is not None:
+            with suppress(InputError):
+                found = initial.complete(near, _interim, progress).poses
+                found[kept] = pose[kept]
+                out = block.copy()
+                out.put("images", POSE, found)
+                return initial.complete(out, _interim, progress)
+    raise error
+
+
+def _without_any_start(block: Block) -> Block | None:
+    """The block without poses and points; None where nothing else says where it lies."""
+    given = np.isfinite(block.poses).any()
+    if not given or (not len(block.gnss) and len(block.ground) < 3):
+        return None
+    bare = without_starts(block, np.ones(len(block.images), dtype=bool))
+    bare.points = bare.points.iloc[:0]
+    return bare
+
+
+def _with_adjusted_starts(block: Block) -> Block | None:
+    """The block with poses, points and cameras as an adjustment of the images that have a pose
+    makes them; None where it cannot."""
+    pose = block.poses
+    posed = np.isfinite(pose).all(axis=1)
+    if posed.all() or posed.sum() < 2:
+        return None
+    part = block.select(images=list(block.images["image"][posed]))
+    try:
+        found = _interim(adjustable_part(part, Model())[0])
+    except InputError:
+        return None
+    if found is None or len(found.images) < posed.sum():
+        return None
+    pose[posed] = found.poses
+    out = replace(block.copy(), cameras={**block.cameras, **found.cameras}, points=found.points)
+    out.put("images", POSE, pose)
+    return out
 
 
 def _interim(part: Block) -> Block | None:
@@ -552,7 +664,7 @@ def _in_front(
     if len(blind) > few:
         row = problem.order[blind].min()
         more = f" ({len(blind) - 1} more images too)" if len(blind) > 1 else ""
-        raise InputError(
+        raise StartError(
             f"{block.where('images', row)}: all points of image "
             f"{block.images['image'].iloc[row]} lie behind it{more}: check its quaternion (world "
             "to camera, qw first) and its position"

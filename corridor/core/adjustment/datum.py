@@ -20,7 +20,7 @@ from corridor.core.adjustment.matrix import Singular
 from corridor.core.adjustment.misfit import misfit
 from corridor.core.adjustment.problem import Problem, State
 from corridor.core.effects import every_effect
-from corridor.core.errors import InputError
+from corridor.core.errors import InputError, StartFailed
 from corridor.core.geometry import rotation_from_vector
 from corridor.core.output import counted
 
@@ -54,6 +54,11 @@ def null_space(system: LinearSystem) -> tuple[np.ndarray, list[str]]:
     information = whole.T @ moved + moved[n:].T @ shared
     total = whole.T @ (reference[:, None] * whole)
     norm = np.sqrt(np.diag(total))
+    if not (np.isfinite(information).all() and (norm > 0.0).all()):
+        raise StartFailed(
+            "no image shows its points: the start values are too far off, check poses, camera and "
+            "the unit of the coordinates"
+        )
     value, vector = eigh(information / norm[:, None] / norm, total / norm[:, None] / norm)
     loose = vector[:, value < OPEN] / norm[:, None]
     part = (vector[:, value < OPEN] ** 2).sum(axis=1)

@@ -69,12 +69,13 @@ def with_true_matches(
         missed = np.hypot(ties["vx"], ties["vy"]).groupby(ties["image"]).median()
         seen = robust.problem.images
         size = pd.Series(seen.size.min(axis=1), seen.names.astype(str))
-        images |= {name for name in wrong if missed[name] > _SHARE * size[name]}
+        more = {name for name in wrong if missed[name] > _SHARE * size[name]} - images
+        images |= more
         sound = _without(sound, set(gross.itertuples(index=False, name=None)))
         if images:
             sound = sound.select(images=[n for n in sound.images["image"] if n not in images])
         sound, _ = adjustable_part(sound, model)
-        if robust.converged:
+        if robust.converged or not (len(gross) or more):
             break
     gone = len(block.tie_points) - len(sound.tie_points)
     if not 0 < gone <= _MOST * len(block.tie_points):

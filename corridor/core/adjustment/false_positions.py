@@ -177,7 +177,7 @@ def lengths(found: Adjustment, sigma: np.ndarray) -> np.ndarray:
     v, used = values_of(table, "vx", "vy", "vz"), values_of(table, "sx", "sy", "sz")
     share, p = of_antennas(found.covariance), found.problem
     back = np.linalg.inv(np.sqrt(p.gnss_weight)[:, :, None] * p.gnss_turn)
-    silent = (used > 2.0 * sigma).any(axis=1)
+    silent = np.any(used > 2.0 * sigma, axis=1)
     own = (sigma / used)[:, :, None] * back
     # What counts has part in its own prediction; what does not is predicted by all others.
     across = back.transpose(0, 2, 1)

@@ -12,6 +12,7 @@ import numpy as np
 from corridor.core.adjustment.blunders import exchanged_points
 from corridor.core.adjustment.false_positions import false_apart, lengths
 from corridor.core.adjustment.gross_ground import (
+    LOOKING_STEPS,
     NO_SAY,
     OF_THREE,
     suspicious,
@@ -273,7 +274,7 @@ def _without_marks(result: Adjustment, again: Again, notes: list[str]) -> Adjust
     if not len(marks) or not marks["outlier"].any():
         return result
     block, model = result.start, result.problem.model
-    robust = again(block, replace(model, loss=NO_SAY))
+    robust = again(block, replace(model, loss=NO_SAY), steps=LOOKING_STEPS)
     table = robust.residuals["mark"]
     wrong = wrong_marks(table)
     if not wrong.any() or wrong.sum() > _MOST * len(wrong):

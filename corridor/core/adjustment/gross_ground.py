@@ -28,6 +28,8 @@ from corridor.core.output import counted
 
 # A robust loss that gross errors have no say in.
 NO_SAY = "cauchy:2"
+# Where a model lacks something such a loss creeps without an end; what is gross shows by then.
+LOOKING_STEPS = 30
 # By what marks count less: fifty pixels are as rough as start poses; beside GNSS nothing at all.
 _LOOSE, _SILENT = 100.0, 1000.0
 # Median of the length of three errors of standard deviation 1.

@@ -19,6 +19,8 @@ from corridor.core.block import EXACT_M, Block, places, values_of
 from corridor.core.camera import projection_derivatives
 
 _FEWEST = 6
+# So many points of one height, to the digit, are no survey's.
+_FEWEST_ALIKE = 2
 # Residuals of control, in sigmas, from which on covariances are worth their time.
 _LOOK = 2.5
 # What all others show to less than this share of its size says nothing, nor does one of so little
@@ -163,10 +165,18 @@ def _told_marks(block: Block, factor: float) -> str:
 
 def _told_control(block: Block, factor: float) -> str:
     plan, _, height = np.median(block.ground_sigma(), axis=0)
+    places = block.numbers("ground", *"xyz")[(block.ground["role"] == "control").to_numpy()]
+    same = [axis for axis, span in zip("xyz", np.ptp(places, axis=0), strict=True) if span == 0.0]
     return (
         "Ground control: the residuals of too many points contradict the stated standard "
         f"deviations to call single points wrong. The control is accurate to {factor * plan:.2g} m "
         f"horizontally and {factor * height:.2g} m in height, where {plan:.2g} and {height:.2g} m "
-        "are stated. Either state that (control_m in block.toml, or sx, sy, sz of ground.csv), or "
-        "the model lacks something: `corridor diagnose` finds out what."
+        "are stated. "
+        + (
+            f"All its points have the same {' and '.join(same)}: was one cell of ground.csv copied "
+            "into the rows below it?"
+            if same and len(places) > _FEWEST_ALIKE
+            else "Either state that (control_m in block.toml, or sx, sy, sz of ground.csv), or the "
+            "model lacks something: `corridor diagnose` finds out what."
+        )
     )

@@ -11,7 +11,7 @@ from corridor.core.adjustment.model import Model
 from corridor.core.adjustment.ordering import appearances
 from corridor.core.adjustment.result import Again, where_it_leads
 from corridor.core.block import POSE, Block, is_among
-from corridor.core.errors import InputError, some
+from corridor.core.errors import InputError, StartError, some
 from corridor.core.output import counted
 
 # Points that a pose needs.
@@ -112,9 +112,7 @@ def adjustable_part_as_seen(
     other, told = adjustable_part(begun, model)
     if _set_aside(begun, other) >= gone:
         return part, notes
-    away = np.linalg.norm((pose - block.poses)[at, :3], axis=1)
-    cosine = np.abs(np.sum((pose * block.poses)[at, 3:], axis=1))
-    turn = 2.0 * np.degrees(np.arccos(np.clip(cosine, 0.0, 1.0)))
+    away, turn = moved_from_start(pose[at], block.poses[at])
     names = seen.images["image"].to_numpy()
     return other, [
         f"Start poses of images.csv are off by up to {np.nanmax(away):.1f} m "
@@ -123,6 +121,13 @@ def adjustable_part_as_seen(
         "are kept.",
         *told,
     ]
+
+
+def moved_from_start(pose: np.ndarray, start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """By how much poses (n, 7) differ from their starts: (n,) m and (n,) degrees."""
+    cosine = np.abs(np.sum((pose * start)[:, 3:], axis=1))
+    turn = 2.0 * np.degrees(np.arccos(np.clip(cosine, 0.0, 1.0)))
+    return np.linalg.norm((pose - start)[:, :3], axis=1), turn
 
 
 def _set_aside(block: Block, part: Block) -> int:
@@ -137,7 +142,7 @@ def _refuse_one_place(block: Block) -> None:
     known = np.isfinite(centre).all(axis=1)
     if known.sum() > 2 and known.all() and np.ptp(centre, axis=0).max() < _ONE_PLACE_M:
         place = ", ".join(f"{value:g}" for value in centre[0])
-        raise InputError(
+        raise StartError(
             f"images.csv: all {len(centre)} images stand at one place ({place}), from where no "
             "distance is seen: write where each was taken, or leave x, y, z and the quaternion "
             "empty, so that they are found"

@@ -107,10 +107,11 @@ class Normal:
         root = np.sqrt(p.control_weight)[:, :, None] * p.control_turn
         lower = np.tril_indices(3)
         # In one layout: a kernel is compiled for each anew.
-        self.control_weight = tuple(
+        whole, root = (
             np.ascontiguousarray(one[:, lower[0], lower[1]])
             for one in (root.transpose(0, 2, 1) @ root, root)
         )
+        self.control_weight = whole, root
         rows, size = p.exposure_count + self.pieces.apart, exposures.size
         self.gradient = np.zeros((rows, size))
         self.reference = np.zeros((rows, size))

@@ -21,7 +21,7 @@ from corridor.core.adjustment.rigs import hung
 from corridor.core.brief import brief
 from corridor.core.engine.scene import SQUARES
 from corridor.core.engine.threads import one_thread
-from corridor.core.errors import AdjustmentFailed
+from corridor.core.errors import StartFailed
 
 FIRST_DAMPING = 1e-6
 # Damping is divided by this after a good step; after a bad one it is raised ever faster and
@@ -201,7 +201,7 @@ def _solve(normal, state, max_iterations, tolerance, say, history, equations=Fal
             damping = max(damping * raising, LEAST_DAMPING)
             raising, release = 2.0 * raising, CAREFUL_DIVISOR
             if damping > 1e8:
-                raise AdjustmentFailed(
+                raise StartFailed(
                     "no step lowers the residuals: the start values are too far off, check poses, "
                     "camera and the unit of the coordinates"
                 )

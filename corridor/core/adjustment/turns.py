@@ -13,7 +13,7 @@ from corridor.core.preparation import (
     turned_back,
     turned_by,
     turned_images,
-    without_turned_starts,
+    without_starts,
 )
 
 # Ratio of likelihoods from which on one of two is taken (Jeffreys 1961: decisive), as logarithm.
@@ -30,10 +30,18 @@ def with_turns_as_seen(block: Block, again: Again) -> tuple[Block, list[str]]:
     turned = angle != 0.0
     if not turned.any():
         return block, []
-    posed = without_turned_starts(block, turned)
+    posed = without_starts(block, turned)
     back = turned_back(block, quarters_of(angle))
-    better = _log_odds(*(where_it_leads(again, one) for one in (back, posed)))
+    found, other = (where_it_leads(again, one) for one in (back, posed))
     told = list(turned_images(block))
+    if found and not other:
+        # What cannot be computed says nothing of what is right.
+        return back, [
+            *told,
+            "Their orientation cannot be computed from the tie points: nothing shows whether the "
+            "pictures are turned or the start poses. The measurements are turned back here.",
+        ]
+    better = _log_odds(found, other)
     if better > _DECISIVE:
         return back, [
             *told,
@@ -49,5 +57,5 @@ def with_turns_as_seen(block: Block, again: Again) -> tuple[Block, list[str]]:
 def _log_odds(one: Adjustment | None, other: Adjustment | None) -> float:
     """Logarithm of the ratio of likelihoods of two fits of the same measurements."""
     if one is None or other is None:
-        return float(np.inf if other is None and one is not None else -np.inf if one else 0.0)
+        return 0.0
     return (other.cost - one.cost) / min(one.sigma0, other.sigma0) ** 2

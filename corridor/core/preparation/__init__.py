@@ -6,7 +6,7 @@ from corridor.core.preparation.half_turns import (
     turned_back,
     turned_by,
     turned_images,
-    without_turned_starts,
+    without_starts,
 )
 from corridor.core.preparation.plausibility import (
     AXES,
@@ -20,6 +20,7 @@ from corridor.core.preparation.plausibility import (
     without_impossible_points,
 )
 from corridor.core.preparation.plausibility_of_motion import paired_speeds, velocity_warnings
+from corridor.core.preparation.plausibility_of_rows import astray
 from corridor.core.preparation.preparing import Prepared, prepare
 from corridor.core.preparation.record import (
     AGREES,

@@ -22,7 +22,7 @@ _TURNED_DEG = 45.0
 # Measured points lie as the start poses say, but for that turn, relief and rough start values.
 _ALIKE = 0.9
 # Points of an image that are looked at, at least and about as many at most.
-_LEAST, _ENOUGH = 6, 20
+LEAST, _ENOUGH = 6, 20
 # More images than this share, and nobody knows which ones are right.
 _MOST = 0.4
 _NAMED = 5
@@ -57,20 +57,24 @@ def as_posed(
     return AsPosed(image[known], pixel, seen[:, :2] / seen[:, 2:])
 
 
+def sampled(block: Block) -> int:
+    """Every how manieth tie point is looked at."""
+    return max(len(block.tie_points) // max(_ENOUGH * len(block.images), 1), 1)
+
+
 def turned_by(block: Block) -> np.ndarray:
     """Angle (images,), degrees, by which the measurements of each image are turned in its picture
     against its start pose, clockwise as seen; 0 where by less than that of any rough start, or
     where start values do not tell."""
     count = len(block.images)
     out = np.zeros(count)
-    step = max(len(block.tie_points) // max(_ENOUGH * count, 1), 1)
-    image, *both = as_posed(block, "tie_points", step)
+    image, *both = as_posed(block, "tie_points", sampled(block))
     z, w = (xy[:, 0] + 1j * xy[:, 1] for xy in both)
     number = np.bincount(image, minlength=count)
     z, w = (one - (_sums(image, one, count) / np.maximum(number, 1))[image] for one in (z, w))
     across = _sums(image, z * w.conj(), count)
     length = np.sqrt(_sums(image, np.abs(z) ** 2, count) * _sums(image, np.abs(w) ** 2, count))
-    clear = (number >= _LEAST) & (np.abs(across) > _ALIKE * length.real)
+    clear = (number >= LEAST) & (np.abs(across) > _ALIKE * length.real)
     angle = np.degrees(np.angle(across))
     far = clear & (np.abs(angle) > _TURNED_DEG)
     if far.sum() <= _MOST * clear.sum():
@@ -101,10 +105,10 @@ def turned_images(block: Block) -> Iterator[str]:
         )
 
 
-def without_turned_starts(block: Block, turned: np.ndarray) -> Block:
-    """The block without the start poses of images (images,) that are turned."""
+def without_starts(block: Block, images: np.ndarray) -> Block:
+    """The block without the start poses of some images (images,)."""
     block, pose = block.copy(), block.poses.copy()
-    pose[turned] = np.nan
+    pose[images] = np.nan
     block.put("images", POSE, pose)
     return block
 

@@ -18,6 +18,7 @@ from corridor.core.output import counted
 from corridor.core.preparation.half_turns import AsPosed, as_posed, turned_images
 from corridor.core.preparation.plausibility_of_motion import motion_warnings
 from corridor.core.preparation.plausibility_of_rigs import rig_warnings
+from corridor.core.preparation.plausibility_of_rows import row_warnings
 from corridor.core.preparation.plausibility_on_earth import earth_warnings
 
 # Observations outside their picture: a few are bad matches, which are named one by one.
@@ -74,7 +75,8 @@ _REMEDY = "x is east, y north, in metres less the block's offset."
 def plausibility_warnings(block: Block, without: bool = False) -> list[str]:
     """Sentences on what is probably a mistake in a block, the gravest first.
 
-    without: whether it is what `without_impossible_points` left, which told the rest.
+    without: whether it is what `without_impossible_points` left, which told the rest, for what asks
+        by itself which rows are wild.
     """
     return [
         *earth_warnings(block),
@@ -82,7 +84,7 @@ def plausibility_warnings(block: Block, without: bool = False) -> list[str]:
         *_pictures(block),
         *_twice(block),
         *(list(mirrored(block)) or turned_images(block)),
-        *([] if without else without_impossible_points(block)[1]),
+        *([] if without else [*without_impossible_points(block)[1], *row_warnings(block)]),
         *_settings(block),
         *_units(block),
         *rig_warnings(block),

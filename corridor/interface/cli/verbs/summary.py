@@ -18,11 +18,21 @@ def run(options: argparse.Namespace) -> None:
     """Print the summary and the effects that want more data; draw the block if asked."""
     import corridor
     from corridor.core import output as report
-    from corridor.core.preparation import derived_table, plausibility_warnings, prepare
+    from corridor.core.adjustment import without_wild_cells
+    from corridor.core.preparation import (
+        astray,
+        derived_table,
+        plausibility_warnings,
+        prepare,
+        without_starts,
+    )
 
     block = corridor.read(options.block)
     look = corridor.summary(block)
-    look.notes = [*plausibility_warnings(block), *look.notes]
+    # A start pose that its own points contradict is no witness of the GNSS.
+    seen = without_starts(block, astray(block))
+    wild = without_wild_cells(seen, corridor.Model())[1]
+    look.notes = [*wild, *plausibility_warnings(block), *look.notes]
     print(look)
     table = derived_table(prepare(block).block)
     if table is not None:
