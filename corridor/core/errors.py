@@ -12,10 +12,6 @@ class InputError(CorridorError, ValueError):
     """The input is wrong: one sentence that names the file, the row and what to do."""
 
 
-class StartError(InputError):
-    """Start values from which nothing can be adjusted; others may do."""
-
-
 class WorkFailed(CorridorError, RuntimeError):
     """The input is readable but the work cannot be done: one sentence says why."""
 

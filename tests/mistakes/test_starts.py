@@ -75,10 +75,16 @@ STARTS = {
     "a row too far down": lambda pose: np.roll(pose, 1, axis=0),
     "on the ground": moved([0.0, 0.0, -50.0]),
     "two kilometres too high": moved([0.0, 0.0, 2000.0]),
-    "in another place": moved([3000.0, -2000.0, 0.0]),
     **{f"image {k} without": lost([k]) for k in (6, 12, 27, 33)},
     "every second image without": lost(slice(None, None, 2)),
 }
+
+
+# Far from the truth the adjustment goes a long way before it is asked for another start.
+SLOW = {
+    "two kilometres too high", "all headings of the way back", "all headings a quarter turn off",
+    "headings that nobody knows",
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -89,7 +95,9 @@ def right():
 
 
 @pytest.mark.parametrize("gnss", [True, False])
-@pytest.mark.parametrize("start", STARTS)
+@pytest.mark.parametrize(
+    "start", [pytest.param(one, marks=pytest.mark.slow if one in SLOW else ()) for one in STARTS]
+)
 def test_start_values_decide_nothing(start, gnss, right):
     block = placed(STARTS[start])
     if not gnss:
@@ -104,14 +112,6 @@ def test_start_values_decide_nothing(start, gnss, right):
 def test_start_values_that_are_not_used_are_told():
     found = corridor.adjust(placed(STARTS["one image that looks away"]))
     assert found.warnings[0].startswith("The start poses of images.csv are not used")
-
-
-def test_what_fails_without_start_values_too_says_why_it_failed_with_them():
-    block = placed(STARTS["on the ground"])
-    block.tie_points["x"] = block.tie_points["x"].to_numpy()[::-1]
-    with pytest.raises(corridor.CorridorError) as failed:
-        corridor.adjust(block)
-    assert "Their orientation" not in str(failed.value)
 
 
 # --- at first sight ------------------------------------------------------------------------------

@@ -51,7 +51,7 @@ from corridor.core.adjustment.warnings import implausible
 from corridor.core.block import POSE, Block, places, read, values_of, with_rigid_poses
 from corridor.core.effects import Effect, check_needs
 from corridor.core.engine.scene import SQUARES
-from corridor.core.errors import AdjustmentFailed, InputError, StartError, StartFailed, some
+from corridor.core.errors import AdjustmentFailed, InputError, StartFailed, some
 from corridor.core.options import options
 from corridor.core.output import Progress, counted, telling
 from corridor.core.preparation import (
@@ -226,10 +226,13 @@ def _from_a_better_start(block: Block, adjusted: Callable[[Block], Adjustment]) 
         if fits and not lost or not _far_from_start(result, block):
             return result
         told = f"{lost:,} measurements are left out" if fits else "the adjustment does not fit"
-    except (StartError, StartFailed) as error:
+    except StartFailed as error:
         failure, told = error, str(error).rstrip(".")
-    bare = _without_any_start(block)
-    better = where_it_leads(adjusted, bare) if bare is not None else None
+    bare, better = _without_any_start(block), None
+    if bare is not None:
+        # Once, whatever the adjustment asks of it.
+        with suppress(InputError):
+            better = where_it_leads(adjusted, complete(bare))
     if better is None or not _fits(better) or implausible(better):
         better = None
     elif result is not None and fits and not _left_out(block, better) < lost:
@@ -664,7 +667,7 @@ def _in_front(
     if len(blind) > few:
         row = problem.order[blind].min()
         more = f" ({len(blind) - 1} more images too)" if len(blind) > 1 else ""
-        raise StartError(
+        raise InputError(
             f"{block.where('images', row)}: all points of image "
             f"{block.images['image'].iloc[row]} lie behind it{more}: check its quaternion (world "
             "to camera, qw first) and its position"

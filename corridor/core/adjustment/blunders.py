@@ -171,13 +171,17 @@ def _read_otherwise(given: np.ndarray, seen: np.ndarray) -> str:
     words = min(turned, key=turned.__getitem__)
     if turned[words] < _ALIKE * left:
         return f"ground.csv has {words} beside images and GNSS: x is east, y north, z up."
-    for k in np.flatnonzero(np.ptp(given, axis=0) == 0.0):
+    span = np.ptp(seen, axis=0)
+    # Ground may be level, and what start poses show of it is rough.
+    for k in np.flatnonzero(
+        (np.ptp(given[:, :2], axis=0) == 0.0) & (span[:2] > _ALIKE * max(span))
+    ):
         other = given.copy()
         other[:, k] = seen[:, k]
         if _apart(other, seen) < _ALIKE * left:
             return (
                 f"ground.csv has {'xyz'[k]} = {given[0, k]:g} in all rows, where images show the "
-                f"points up to {np.ptp(seen[:, k]):.2f} m apart: was one cell copied into the rows "
+                f"points up to {span[k]:.2f} m apart: was one cell copied into the rows "
                 "below it?"
             )
     return ""

@@ -11,7 +11,7 @@ from corridor.core.adjustment.model import Model
 from corridor.core.adjustment.ordering import appearances
 from corridor.core.adjustment.result import Again, where_it_leads
 from corridor.core.block import POSE, Block, is_among
-from corridor.core.errors import InputError, StartError, some
+from corridor.core.errors import InputError, some
 from corridor.core.output import counted
 
 # Points that a pose needs.
@@ -142,7 +142,7 @@ def _refuse_one_place(block: Block) -> None:
     known = np.isfinite(centre).all(axis=1)
     if known.sum() > 2 and known.all() and np.ptp(centre, axis=0).max() < _ONE_PLACE_M:
         place = ", ".join(f"{value:g}" for value in centre[0])
-        raise StartError(
+        raise InputError(
             f"images.csv: all {len(centre)} images stand at one place ({place}), from where no "
             "distance is seen: write where each was taken, or leave x, y, z and the quaternion "
             "empty, so that they are found"
