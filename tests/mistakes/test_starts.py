@@ -13,6 +13,7 @@ from corridor.core.geometry import (
     rotation_from_vector,
 )
 from corridor.core.preparation import astray, plausibility_warnings
+from corridor.interface.cli import main
 
 BLOCK = corridor.read(SHIPPED / "dike")
 COUNT = len(BLOCK.images)
@@ -109,6 +110,16 @@ def test_start_values_decide_nothing(start, gnss, right):
     assert np.allclose(found.check_rms, right[gnss].check_rms, rtol=0.01)
 
 
+@pytest.mark.slow
+def test_nor_do_they_where_they_leave_no_datum():
+    """The equations of the datum could not be factored: a traceback."""
+    block = corridor.read(SHIPPED / "stories" / "levee")
+    right, pose = corridor.adjust(block), block.poses
+    pose[:COUNT] = STARTS["one image that looks away"](pose[:COUNT])
+    block.put("images", POSE, pose)
+    assert np.allclose(corridor.adjust(block).check_rms, right.check_rms, rtol=0.01)
+
+
 def test_start_values_that_are_not_used_are_told():
     found = corridor.adjust(placed(STARTS["one image that looks away"]))
     assert found.warnings[0].startswith("The start poses of images.csv are not used")
@@ -171,6 +182,22 @@ def test_a_wild_time_is_told():
     block = with_cells("images", "time_s", lambda values: np.put(values, MIDDLE, 1e9))
     assert any("time_s is 1e+09" in one or "time_s is 1000000000" in one
                for one in plausibility_warnings(block))  # fmt: skip
+
+
+def test_a_summary_is_shown_of_a_block_that_an_adjustment_refuses(tmp_path, capsys):
+    block = BLOCK.copy()
+    block.ground[list("xyz")] = block.ground[list("xyz")].to_numpy() / 0.3048
+    block.write(tmp_path / "feet")
+    assert main(["summary", str(tmp_path / "feet")]) == 0
+    assert capsys.readouterr().out.count("is in feet") == 1
+
+
+def test_control_that_is_named_and_not_in_the_table_is_judged_too():
+    block, names = BLOCK.copy(), BLOCK.ground["point"].astype(str).tolist()
+    block.ground["role"] = "check"
+    block.ground["z"] = float(block.ground["z"].iloc[0])
+    found = corridor.adjust(block, control=names[::2], check=names[1::2])
+    assert any("All its points have the same z" in one for one in found.warnings)
 
 
 def test_the_shipped_block_has_no_such_row():

@@ -84,7 +84,7 @@ _WEIGHTS = ("estimated", "marks", "stated")
 _FEW_POSES = 2
 # A point that ends this near to a camera, of where it began, has fallen into it.
 _FALLEN = 0.1
-# No start pose of a gimbal, or of a course, is off by so much, degrees.
+# Start poses that are off by more are worth a question: those of gimbals and courses are not.
 _FAR_DEG = 15.0
 
 
@@ -212,10 +212,12 @@ def adjust(
         result.add_note(*doubtful, *left_out, *exchanged, *reversed(used))
         return result
 
-    return _from_a_better_start(block, from_start)
+    return _from_a_better_start(block, from_start, run)
 
 
-def _from_a_better_start(block: Block, adjusted: Callable[[Block], Adjustment]) -> Adjustment:
+def _from_a_better_start(
+    block: Block, adjusted: Callable[[Block], Adjustment], run: Run
+) -> Adjustment:
     """Adjusted from the start values. Where that fails, or moves far from them and does not fit, or
     only without some of the measurements, from start values that are made of the measurements
     alone, where that fits, and with more of them."""
@@ -223,7 +225,7 @@ def _from_a_better_start(block: Block, adjusted: Callable[[Block], Adjustment]) 
     try:
         result = adjusted(block)
         fits, lost = _fits(result), _left_out(block, result)
-        if fits and not lost or not _far_from_start(result, block):
+        if (fits and not lost) or not _far_from_start(result, block):
             return result
         told = f"{lost:,} measurements are left out" if fits else "the adjustment does not fit"
     except StartFailed as error:
@@ -232,20 +234,17 @@ def _from_a_better_start(block: Block, adjusted: Callable[[Block], Adjustment]) 
     if bare is not None:
         # Once, whatever the adjustment asks of it.
         with suppress(InputError):
-            better = where_it_leads(adjusted, complete(bare))
-    if better is None or not _fits(better) or implausible(better):
-        better = None
-    elif result is not None and fits and not _left_out(block, better) < lost:
-        better = None
-    if better is None:
-        if result is None:
-            raise failure
-        return result
-    better.add_note(
-        "The start poses of images.csv are not used: without them everything fits, with poses "
-        f"computed from the tie points. With them: {told}."
-    )
-    return better
+            better = where_it_leads(adjusted, complete(bare, run.progress))
+    if better is not None and _fits(better) and not implausible(better):
+        if result is None or not fits or _left_out(block, better) < lost:
+            better.add_note(
+                "The start poses of images.csv are not used: without them everything fits, with "
+                f"poses computed from the tie points. With them: {told}."
+            )
+            return better
+    if result is None:
+        raise failure
+    return result
 
 
 def _fits(result: Adjustment) -> bool:
@@ -264,9 +263,9 @@ def _far_from_start(result: Adjustment, block: Block) -> bool:
     pose = result.pose
     start = block.poses[places(result.start.images["image"], block.images["image"])]
     away, turn = moved_from_start(pose, start)
-    near = np.median(np.linalg.norm(np.diff(pose[:, :3], axis=0), axis=1))
-    far = (away > 0.5 * near) | (turn > _FAR_DEG)
-    return bool(far.any())
+    apart = np.linalg.norm(np.diff(pose[:, :3], axis=0), axis=1)
+    near = np.median(apart) if len(apart) else np.inf
+    return bool(((away > 0.5 * near) | (turn > _FAR_DEG)).any())
 
 
 def refit(

@@ -49,17 +49,19 @@ def null_space(system: LinearSystem) -> tuple[np.ndarray, list[str]]:
     moved = system.multiply(whole)
     scale = np.sqrt(np.maximum(reference[n:], np.finfo(float).tiny))
     shared_block = system.shared_matrix / scale[:, None] / scale
-    shared = -np.linalg.lstsq(shared_block, moved[n:] / scale[:, None], 1e-13)[0]
-    shared /= scale[:, None]
-    information = whole.T @ moved + moved[n:].T @ shared
-    total = whole.T @ (reference[:, None] * whole)
-    norm = np.sqrt(np.diag(total))
-    if not (np.isfinite(information).all() and (norm > 0.0).all()):
+    try:
+        shared = -np.linalg.lstsq(shared_block, moved[n:] / scale[:, None], 1e-13)[0]
+        shared /= scale[:, None]
+        information = whole.T @ moved + moved[n:].T @ shared
+        total = whole.T @ (reference[:, None] * whole)
+        norm = np.sqrt(np.maximum(np.diag(total), np.finfo(float).tiny))
+        value, vector = eigh(information / norm[:, None] / norm, total / norm[:, None] / norm)
+    except (np.linalg.LinAlgError, ValueError):
+        # Numbers that are none, or too few points in front of any image.
         raise StartFailed(
-            "no image shows its points: the start values are too far off, check poses, camera and "
-            "the unit of the coordinates"
-        )
-    value, vector = eigh(information / norm[:, None] / norm, total / norm[:, None] / norm)
+            "hardly an image shows its points: the start values are too far off, check poses, "
+            "camera and the unit of the coordinates"
+        ) from None
     loose = vector[:, value < OPEN] / norm[:, None]
     part = (vector[:, value < OPEN] ** 2).sum(axis=1)
     words = [QUANTITIES[k] for k in np.flatnonzero(part > 0.3 * part.max(initial=1.0))]
@@ -135,7 +137,7 @@ def explain(system: LinearSystem, singular: Singular) -> InputError:
         )
     try:
         _, words = null_space(system)
-    except np.linalg.LinAlgError:
+    except StartFailed:
         words = []
     if words and (len(p.control_rows) or len(p.gnss_image)):
         return InputError(undetermined(p, words))

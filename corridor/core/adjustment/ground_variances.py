@@ -52,7 +52,7 @@ def with_ground_doubts(result: Adjustment) -> Adjustment:
         return result
     result.control_factor = _of_control(result)
     if result.control_factor > 1.0:
-        result.add_note(_told_control(result.start, result.control_factor))
+        result.add_note(_told_control(result))
     elif exact := _strained_by_exact(result):
         result.add_note(exact)
     return result
@@ -163,10 +163,11 @@ def _told_marks(block: Block, factor: float) -> str:
     )
 
 
-def _told_control(block: Block, factor: float) -> str:
-    plan, _, height = np.median(block.ground_sigma(), axis=0)
-    places = block.numbers("ground", *"xyz")[(block.ground["role"] == "control").to_numpy()]
-    same = [axis for axis, span in zip("xyz", np.ptp(places, axis=0), strict=True) if span == 0.0]
+def _told_control(result: Adjustment) -> str:
+    plan, _, height = np.median(result.start.ground_sigma(), axis=0)
+    factor, given = result.control_factor, result.problem.control_given
+    given = given[: len(result.problem.control_rows)]
+    same = [axis for axis, span in zip("xyz", np.ptp(given, axis=0), strict=True) if span == 0.0]
     return (
         "Ground control: the residuals of too many points contradict the stated standard "
         f"deviations to call single points wrong. The control is accurate to {factor * plan:.2g} m "
@@ -175,7 +176,7 @@ def _told_control(block: Block, factor: float) -> str:
         + (
             f"All its points have the same {' and '.join(same)}: was one cell of ground.csv copied "
             "into the rows below it?"
-            if same and len(places) > _FEWEST_ALIKE
+            if same and len(given) > _FEWEST_ALIKE
             else "Either state that (control_m in block.toml, or sx, sy, sz of ground.csv), or the "
             "model lacks something: `corridor diagnose` finds out what."
         )

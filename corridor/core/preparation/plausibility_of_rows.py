@@ -46,14 +46,17 @@ def _repeated(values: np.ndarray) -> float | None:
 
 def _filled_down(block: Block) -> Iterator[str]:
     columns = [(table, axis) for table in ("tie_points", "marks") for axis in "xy"]
+    told: dict[str, list[str]] = {}
     for table, axis in [*columns, *_filled_positions(block), ("images", "time_s")]:
         values = block.column(table, axis)
         value = _repeated(values)
         if value is not None:
-            yield (
-                f"{table}.csv: {axis} is {value:.12g} in {np.count_nonzero(values == value):,} of "
-                f"{len(values):,} rows. Was one cell copied into the rows below it?"
+            told.setdefault(table, []).append(
+                f"{axis} is {value:.12g} in {np.count_nonzero(values == value):,} of "
+                f"{len(values):,} rows"
             )
+    for table, found in told.items():
+        yield f"{table}.csv: {', '.join(found)}. Was one cell copied into the rows below it?"
 
 
 def _filled_positions(block: Block) -> Iterator[tuple[str, str]]:

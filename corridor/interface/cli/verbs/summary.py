@@ -29,10 +29,16 @@ def run(options: argparse.Namespace) -> None:
 
     block = corridor.read(options.block)
     look = corridor.summary(block)
+    told = plausibility_warnings(block)
     # A start pose that its own points contradict is no witness of the GNSS.
     seen = without_starts(block, astray(block))
-    wild = without_wild_cells(seen, corridor.Model())[1]
-    look.notes = [*wild, *plausibility_warnings(block), *look.notes]
+    try:
+        told = [*without_wild_cells(seen, corridor.Model())[1], *told]
+    except corridor.InputError as error:
+        # Often it is what has been told at first sight.
+        file = str(error).split()[0]
+        told += [] if any(file in one for one in told) else [str(error)]
+    look.notes = [*told, *look.notes]
     print(look)
     table = derived_table(prepare(block).block)
     if table is not None:
