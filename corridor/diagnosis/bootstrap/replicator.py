@@ -44,8 +44,10 @@ GRID = np.concatenate([np.linspace(0.0, 0.98, 99), 1 - np.geomspace(0.018, 1e-6,
 ENOUGH_EPOCHS = 12
 # Gain in log likelihood from which on slow noise is believed: a chance of one in seven.
 LEAST_GAIN = 2.0
-# Prior standard deviation, m, m/s, s of what is left free.
-FREE = 1e4
+# What is left free, by residuals: more would be lost in the digits of what it meets.
+FREE = 1e3
+# Singular values of what antenna effects do, in the largest: smaller ones are others' sum.
+RANK = 1e-6
 # Weight, in degrees of freedom, of a stated standard deviation where few residuals tell.
 STATED_FREEDOM = 20.0
 # Share of the tie observations that no fit uses.
@@ -130,12 +132,16 @@ def antenna_noise(system: LinearSystem, tie_sigma: float) -> GnssNoise | None:
         cut[at] = np.clip(cut[at], -CLIPPED * size, CLIPPED * size)
     given = system.gnss.given + cut.reshape(-1, 3) - seen
     system = replace(system.measuring(sigma=sigma, gnss=given), loss=loss)
-    e, shapes = _with_signals(take_apart(replace(system, gnss_counts=False), []), _signals(system))
+    apart = take_apart(replace(system, gnss_counts=False), [])
+    e, shapes = _with_signals(apart, _signals(system), FREE * max(usual))
     return _white_or_slow(e, shapes, noise, np.maximum(sizes, 1e-3))
 
 
-def _with_signals(e: Equations, signals: np.ndarray) -> tuple[Equations, Rows]:
-    """Equations with signals (3k, q) of the antenna as columns, and these as rows: left free."""
+def _with_signals(e: Equations, signals: np.ndarray, free: float) -> tuple[Equations, Rows]:
+    """Equations with signals (3k, q) of the antenna, m, as columns, and these as rows.
+
+    free: their standard deviation, m.
+    """
     count = signals.shape[1]
     nothing = np.zeros(count)
     core = Columns(np.zeros((len(e.right), count)), np.diag(nothing), nothing, signals, nothing)
@@ -143,7 +149,7 @@ def _with_signals(e: Equations, signals: np.ndarray) -> tuple[Equations, Rows]:
     at, scale = np.arange(count), np.ones(count)
     group = Group("signals", every_effect()[0], None, at, scale, labels)
     return replace(e, core=core, at=at, own=[], between=[], own_at=[], mutual={}, kept={}), rows_of(
-        [(group, FREE)]
+        [(group, free)]
     )
 
 
@@ -188,7 +194,8 @@ def _white_or_slow(e: Equations, shapes: Rows, noise: GnssNoise, sizes: np.ndarr
 
 
 def _signals(system: LinearSystem) -> np.ndarray:
-    """Derivatives (3k, columns) of the antenna by every physical effect that a block shares."""
+    """What every physical effect that a block shares can do to the antenna: (3k, q), orthogonal
+    columns, each 1 m in the square mean."""
     block = system.block
     context = Context(system.images, system.gnss.image)
     parts = [np.tile(np.eye(3), (len(context), 1, 1))]
@@ -201,7 +208,10 @@ def _signals(system: LinearSystem) -> np.ndarray:
         derivative = effect.shift(context, values)[1]
         if np.isfinite(derivative).all():
             parts.append(derivative)
-    return np.concatenate(parts, axis=2).reshape(3 * len(context), -1)
+    shapes = np.concatenate(parts, axis=2).reshape(3 * len(context), -1)
+    size = np.linalg.norm(shapes, axis=0)
+    basis, strength, _ = np.linalg.svd(shapes[:, size > 0] / size[size > 0], full_matrices=False)
+    return basis[:, strength > RANK * strength[0]] * np.sqrt(len(shapes))
 
 
 class Replicator:

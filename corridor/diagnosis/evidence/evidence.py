@@ -51,6 +51,14 @@ class Spectrum:
         value, vector = eigh(0.5 * (M + M.T), check_finite=False)
         return cls(np.maximum(value, 0.0), vector)
 
+    def drawn(self, draws: int, rng: np.random.Generator) -> np.ndarray:
+        """Normal deviates (p, draws) of covariance M.
+
+        By its symmetric root: vectors alone are a matter of rounding where values are alike.
+        """
+        normal = self.vector.T @ rng.standard_normal((len(self.value), draws))
+        return self.vector @ (np.sqrt(self.value)[:, None] * normal)
+
     def log_bayes(self, h: np.ndarray) -> np.ndarray:
         """Log Bayes factors (kappas, ...) of h = V'g (p, ...)."""
         k2 = (effect_sizes()[0] ** 2)[:, None]

@@ -65,9 +65,7 @@ def _size(evidence: Evidence, core: np.ndarray) -> np.ndarray:
 
 def null_scores(evidence: Evidence, draws: int, rng: np.random.Generator) -> np.ndarray:
     """Scores of the core (c, draws) of blocks from which nothing is missing."""
-    whole = Spectrum.of(evidence.reduced.M)
-    normal = rng.standard_normal((len(whole.value), draws))
-    independent = whole.vector @ (np.sqrt(whole.value)[:, None] * normal)
+    independent = Spectrum.of(evidence.reduced.M).drawn(draws, rng)
     by_run = scores_by_run(evidence.reduced.elimination)
     count = by_run.shape[1]
     if not count:

@@ -184,7 +184,7 @@ class NoiseModel:
         least = np.linalg.eigvalsh(self.arguments.precision)[0]
         spread = 1.0 / np.sqrt(np.maximum(value, least))
         unit = rng.standard_normal((SETTINGS.noise_draws, len(likely.x)))
-        made = likely.x + (unit * spread) @ vector.T
+        made = likely.x + (unit @ vector * spread) @ vector.T
         return np.clip(made, self.arguments.low, self.arguments.high), np.sum(unit**2, axis=1)
 
 

@@ -197,8 +197,6 @@ def largest_of_null(evidence: Evidence, draws: int, rng: np.random.Generator) ->
     Values for each image are many, and in such a block their Bayes factor is far below one; beyond
     e^T it is by a chance of e^-T at most, whatever there is (Good 1950).
     """
-    whole = Spectrum.of(evidence.reduced.M)
-    normal = rng.standard_normal((len(whole.value), draws))
-    core = whole.vector @ (np.sqrt(whole.value)[:, None] * normal)
+    core = Spectrum.of(evidence.reduced.M).drawn(draws, rng)
     # No effect at all has the evidence zero.
     return np.max([np.zeros(draws), *evidence.of_scores(core)], axis=0)

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pandas as pd
+import pytest
 from strips import corridor_block
 
 import corridor
+from corridor.core.adjustment import Model, Run, refit
 from corridor.core.errors import InputError
 
 HERE = "F1_0003.tif"
@@ -43,23 +45,30 @@ def left_out(found):
     return [line for line in found.warnings if "drew into a camera" in line]
 
 
-def test_points_that_fall_into_a_camera_are_left_out_and_the_rest_is_as_flown():
-    """Matches so wrong drew points into a camera in four of six drawings when this was written."""
+def test_points_that_fall_into_a_camera_are_left_out():
+    """In one adjustment that looks for nothing else; half of these drawings have such points."""
     times = 0
     for seed in range(1, 7):
         block = with_twin(seed)
-        found = corridor.adjust(block, loss=LOSS)
-        assert found.converged
+        found = refit(block, Model(loss=LOSS), Run())
         gone = set(block.tie_points["point"]) - set(found.block.tie_points["point"])
-        looked_for = [line for line in found.warnings if "far from where all else" in line]
-        assert bool(gone) == bool(left_out(found) or looked_for)
+        assert bool(gone) == bool(left_out(found))
         assert all(name.startswith("wrong") for name in gone)
-        flown = block.images["image"] != "twin.tif"
-        away = np.linalg.norm((found.block.poses - block.poses)[flown, :3], axis=1)
-        assert away.max() < min(block.sigma["gnss_m"])
-        assert looked_for or found.start.tie_points.equals(block.tie_points)
-        times += bool(left_out(found))
+        times += bool(gone)
     assert times >= 2
+
+
+@pytest.mark.parametrize("seed", range(1, 7))
+def test_the_rest_is_as_flown(seed):
+    block = with_twin(seed)
+    found = corridor.adjust(block, loss=LOSS)
+    assert found.converged
+    flown = block.poses[block.images["image"] != "twin.tif"]
+    rest = found.block.images["image"].astype(str) != "twin.tif"
+    away = np.linalg.norm((found.block.poses[rest] - flown)[:, :3], axis=1)
+    assert away.max() < min(block.sigma["gnss_m"])
+    # Half of its matches are wrong: they or the image are left out, and said.
+    assert left_out(found) or any("twin.tif" in line for line in found.warnings)
 
 
 def test_strictly_nothing_is_left_out():

@@ -67,7 +67,7 @@ def test_a_single_wrong_point_strains_its_marks_and_is_not_their_fault():
     block.ground.loc[row, "z"] += 1.0
     found = corridor.adjust(block)
     assert not about(found.notes, "Marks:") and not about(found.notes, "Ground control:")
-    assert any("Ground control is wrong" in warning for warning in found.warnings)
+    assert any("G05 in height by +1.00 m" in note for note in found.notes)
 
 
 def test_check_points_of_another_base_are_told_together():
