@@ -452,6 +452,8 @@ def _matches(pycolmap, database, place, names, pairs) -> Iterator[int]:
     names = [name.replace(" ", _BLANK) for name in names]
     verified = pycolmap.TwoViewGeometryOptions()
     verified.ransac.random_seed = 0  # one import is like another
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.num_threads = _threads(len(names))
     for first in range(0, len(pairs), _BATCH_PAIRS):
         batch = pairs[first : first + _BATCH_PAIRS]
         text = "".join(f"{names[i]} {names[j]}\n" for i, j in batch)
@@ -461,11 +463,20 @@ def _matches(pycolmap, database, place, names, pairs) -> Iterator[int]:
         with _without_blanks(database):
             pycolmap.match_image_pairs(
                 database,
+                matching_options=matching,
                 pairing_options=options,
                 verification_options=verified,
                 device=pycolmap.Device.cpu,
             )
         yield first + len(batch)
+
+
+def _threads(count: int) -> int:
+    """Threads of COLMAP, -1 for all: several race for matches and for the first pair.
+
+    One gains little by more where models are small.
+    """
+    return 1 if count <= _ALL else -1
 
 
 def _map(pycolmap, database, folder, model, photos, stated, say) -> None:
@@ -500,8 +511,7 @@ def _grown(pycolmap, database, folder, count, say, held):
     options = pycolmap.IncrementalPipelineOptions()
     options.min_model_size = _LEAST
     options.random_seed = 0
-    # Several threads race for the first pair. Small models are adjusted by one anyway.
-    options.num_threads = 1 if count <= _ALL else -1
+    options.num_threads = _threads(count)
     options.ba_refine_focal_length = not held
     options.mapper.abs_pose_refine_focal_length = not held
     done = 2
