@@ -10,7 +10,7 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from corridor.core import adjustment as least_squares
-from corridor.core.adjustment import Adjustment
+from corridor.core.adjustment import Adjustment, Model, Run, refit
 from corridor.core.block import Block
 from corridor.core.brief import brief
 from corridor.core.errors import AdjustmentFailed, InputError
@@ -155,18 +155,15 @@ def cost_of(
     """Lowest cost of an adjustment with an effect of motion, camera held, over start delays (s).
 
     For comparing what is believed of a gyroscope's axes or of the row direction: wrong beliefs
-    have many shallow minima, so the delay starts from several values. Strictly: costs are of the
-    same measurements.
+    have many shallow minima, so the delay starts from several values. Costs are of the
+    same measurements, as they are stated.
     """
-    costs = []
+    costs, model = [], Model(camera="fixed", effects=[effect], loss=loss, lever_arm="fixed")
     for delay in delays:
         shifted = block.copy()
         shifted.rates = block.rates.assign(time_s=block.rates["time_s"] - delay)
         try:
-            found = least_squares.adjust(
-                shifted, camera="fixed", effects=[effect], loss=loss, lever_arm="fixed",
-                max_iterations=40, strict=True,
-            )  # fmt: skip
+            found = refit(shifted, model, Run(max_iterations=40))
         except (AdjustmentFailed, InputError):
             # Without a readout a delay cannot be determined: that belief explains nothing.
             continue

@@ -23,6 +23,7 @@ from corridor.core.adjustment.datum import (
 from corridor.core.adjustment.false_matches import suspects, with_true_matches, without_ties
 from corridor.core.adjustment.false_positions import without_false_fixes
 from corridor.core.adjustment.gross_errors import begun_with_sound_positions, without_gross_errors
+from corridor.core.adjustment.gross_ground import NO_SAY
 from corridor.core.adjustment.ground_variances import with_ground_doubts, with_marks_as_they_are
 from corridor.core.adjustment.left_out import (
     adjustable_part,
@@ -52,6 +53,7 @@ from corridor.core.block import POSE, Block, places, read, values_of, with_rigid
 from corridor.core.effects import Effect, check_needs
 from corridor.core.engine.scene import SQUARES
 from corridor.core.errors import AdjustmentFailed, InputError, StartFailed, some
+from corridor.core.geometry import OUTLIER
 from corridor.core.options import options
 from corridor.core.output import Progress, counted, telling
 from corridor.core.preparation import (
@@ -212,15 +214,24 @@ def adjust(
         result.add_note(*doubtful, *left_out, *exchanged, *reversed(used))
         return result
 
-    return _from_a_better_start(block, from_start, run)
+    def robust(part: Block) -> Adjustment:
+        return again(part, replace(model, loss=NO_SAY))
+
+    return _from_a_better_start(block, from_start, robust, run)
 
 
 def _from_a_better_start(
-    block: Block, adjusted: Callable[[Block], Adjustment], run: Run
+    block: Block,
+    adjusted: Callable[[Block], Adjustment],
+    robust: Callable[[Block], Adjustment],
+    run: Run,
 ) -> Adjustment:
     """Adjusted from the start values. Where that fails, or moves far from them and does not fit, or
     only without some of the measurements, from start values that are made of the measurements
-    alone, where that fits, and with more of them."""
+    alone, where that fits, and with more of them.
+
+    robust: tells whether it may, for all that an adjustment asks takes long where nothing fits.
+    """
     result, told = None, ""
     try:
         result = adjusted(block)
@@ -234,7 +245,9 @@ def _from_a_better_start(
     if bare is not None:
         # Once, whatever the adjustment asks of it.
         with suppress(InputError):
-            better = where_it_leads(adjusted, complete(bare, run.progress))
+            begun = complete(bare, run.progress)
+            if _fits_more(robust, begun, result):
+                better = where_it_leads(adjusted, begun)
     if better is not None and _fits(better) and not implausible(better):
         if result is None or not fits or _left_out(block, better) < lost:
             better.add_note(
@@ -245,6 +258,26 @@ def _from_a_better_start(
     if result is None:
         raise failure
     return result
+
+
+def _fits_more(
+    robust: Callable[[Block], Adjustment], begun: Block, result: Adjustment | None
+) -> bool:
+    """Whether a robust adjustment fits most rays of tie points, and more than the result does."""
+    try:
+        found = robust(begun)
+    except AdjustmentFailed:
+        return False
+    except InputError:
+        # What it is asked by may leave out what this cannot adjust.
+        return True
+    fit = _rays_that_fit(found)
+    return fit > max(0.5 * len(begun.tie_points), 0 if result is None else _rays_that_fit(result))
+
+
+def _rays_that_fit(found: Adjustment) -> int:
+    ties = found.residuals["tie"]
+    return int((np.hypot(ties["vx"], ties["vy"]) < OUTLIER * ties["sigma"]).sum())
 
 
 def _fits(result: Adjustment) -> bool:

@@ -90,7 +90,11 @@ def begun_with_sound_positions(
             if _miss(first) < GROSS:
                 return first
             most = OF_THREE * CONTRADICTING_FACTOR
-    held = where_it_leads(again, block, replace(model, camera="fixed", lever_arm="fixed"))
+    fixed, held = replace(model, camera="fixed", lever_arm="fixed"), None
+    if fixed != model:
+        held = where_it_leads(again, block, fixed)
+    elif not isinstance(first, Exception) and first.converged:
+        held = first
     if held and most == np.inf and not strict:
         # An image that misses may make what it likes of a focal length that nothing else shows.
         told: list[str] = []
@@ -99,7 +103,8 @@ def begun_with_sound_positions(
             whole.add_note(*told)
             return whole
     # The free camera is that of the block where the positions are off by less.
-    for begun in (held,) if isinstance(first, Exception) or most == np.inf else (first, held):
+    alone = isinstance(first, Exception) or most == np.inf or held is first
+    for begun in (held,) if alone else (first, held):
         notes: list[str] = []
         found = begun and where_it_leads(_without_positions, begun, again, notes, model)
         if found and found is not begun and _miss(found) < most and not implausible(found):
