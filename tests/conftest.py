@@ -50,8 +50,8 @@ def pytest_make_collect_report(collector):
     return _left_out(report, str(report.longrepr))
 
 
-# Names of tests that take more than half a second, beside those that say so themselves: as
-# `pytest tests --durations=0 --durations-min=0.5` measures them. They are run with the long ones.
+# Names of tests that take more than a fifth of a second, beside those that say so themselves: as
+# `pytest tests --durations=0 --durations-min=0.2` measures them. They are run with the long ones.
 SECONDS = set((Path(__file__).parent / "seconds.txt").read_text(encoding="utf-8").splitlines())
 
 

@@ -39,6 +39,7 @@ def test_a_list_of_pairs_names_pictures_with_blanks(database, tmp_path, fails):
 
     made = SimpleNamespace(
         TwoViewGeometryOptions=lambda: SimpleNamespace(ransac=SimpleNamespace()),
+        FeatureMatchingOptions=SimpleNamespace,
         ImportedPairingOptions=SimpleNamespace,
         match_image_pairs=match_image_pairs,
         Device=SimpleNamespace(cpu=0),
