@@ -1,5 +1,7 @@
 """The simulated counterparts of a block: drawn from what was believed, adjusted as it was."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,9 +10,19 @@ from believing import NOISE, believed, flown
 import corridor
 from corridor import diagnosis
 from corridor.core.errors import InputError
-from corridor.diagnosis.bootstrap.replicator import GRID, Replicator, lengths
+from corridor.diagnosis.bootstrap.replicator import (
+    GRID,
+    Replicator,
+    _signals,
+    _with_signals,
+    lengths,
+)
 from corridor.diagnosis.bootstrap.statistics import Fit, SummaryStatistics
+from corridor.diagnosis.noise.gnss import stated_noise
+from corridor.diagnosis.noise.likelihood import Arguments, value_of
 from corridor.diagnosis.settings import SETTINGS
+from corridor.diagnosis.system.elimination import Elimination
+from corridor.diagnosis.system.equations import take_apart
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +38,22 @@ def model(adjusted):
 @pytest.fixture(scope="module")
 def found(adjusted):
     return diagnosis.counterparts(adjusted, 19, seed=3)
+
+
+def test_rounding_moves_no_likelihood_of_the_antennas_noise(adjusted):
+    """What effects of the antenna can do is projected out; nearly singular, it moved it by 0.1."""
+    system = replace(adjusted.system, gnss_counts=False)
+    noise = stated_noise(system)
+    e, rows = _with_signals(take_apart(system, []), _signals(system), 10.0)
+    arguments = Arguments(noise, ((1e-3, 1e2), (1e-3, 1e2), (1.0, 100.0)))
+    x = arguments.of(replace(noise, white=1.0 + 0.0 * noise.white, coloured=0.02 + noise.coloured))
+    found, rng = [], np.random.default_rng(1)
+    for size in (0.0, 1e-15, 1e-15):
+        matrix = e.matrix.copy()
+        matrix.data = matrix.data * (1.0 + size * rng.standard_normal(len(matrix.data)))
+        made = Elimination(replace(e, matrix=matrix, kept={}), arguments.noise_at(x), rows)
+        found.append(value_of(made, arguments, x))
+    assert np.ptp(found) < 1e-3
 
 
 class TestDrawing:

@@ -287,3 +287,15 @@ def test_the_size_of_the_noise_is_found_in_spite_of_few_rays(rays):
     )
     _, scales = pseudo_residuals(system, residual.reshape(n, 2))
     assert scales.tie == pytest.approx(1.0, rel=0.06)
+
+
+def test_draws_have_the_covariance_and_rounding_turns_none():
+    """Of a plane of equal values any two vectors are eigenvectors; draws are the same in all."""
+    rng = np.random.default_rng(3)
+    M = np.diag([4.0, 4.0, 1.0, 0.0])
+    drawn = Spectrum.of(M).drawn(20_000, np.random.default_rng(5))
+    assert np.cov(drawn) == pytest.approx(M, abs=0.12)
+    for _ in range(5):
+        rounded = M + 1e-14 * rng.standard_normal(M.shape)
+        again = Spectrum.of(rounded).drawn(20_000, np.random.default_rng(5))
+        assert np.abs(again - drawn).max() < 1e-5
