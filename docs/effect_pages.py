@@ -154,7 +154,7 @@ def pictures(effect, block, values, folder):
         out += [f"In the pictures nothing moves: given {what} do.", ""]
     measured = add(block, values)
     try:
-        adjusted = corridor.adjust(measured, max_iterations=200)
+        adjusted = corridor.adjust(measured, max_iterations=200, strict=True)
     except corridor.AdjustmentFailed as reason:
         return [*out, f"Left out of the model, the adjustment fails: {reason}"]
     if not adjusted.converged:

@@ -102,7 +102,7 @@ def on_the_ground():
         rows = {}
         for at in positions:
             wrong = add(block, {slug: {parameter: at * size}})
-            adjusted = corridor.adjust(wrong, camera="fixed", max_iterations=200)
+            adjusted = corridor.adjust(wrong, camera="fixed", max_iterations=200, strict=True)
             check = adjusted.check_points
             rows[f"{at:g}"] = np.round(1e3 * check[["dx", "dy", "dz"]].to_numpy(float), 2).tolist()
             out["places"] = np.round(
