@@ -24,7 +24,7 @@ def test_the_shutter_is_named_with_its_readout_and_the_delay():
     In the first survey two images are taken 8 cm apart: no depth, and a robust loss has valleys.
     """
     errors = []
-    for seed in (1, 4):
+    for seed in (1, 4, 7):
         block, readout = late(seed)
         (effect,) = corridor.diagnose(block).findings.effects
         assert (effect.slug, effect.kind) == ("rolling_shutter_rotation", "named")
@@ -32,5 +32,5 @@ def test_the_shutter_is_named_with_its_readout_and_the_delay():
         for name, true in (("readout", readout), ("delay", LATE_S)):
             assert told[name]["sigma"] < 0.003
             errors.append((told[name]["value"] - true) / told[name]["sigma"])
-    # Root mean square of four normal errors that chance passes once in a thousand.
-    assert np.sqrt(np.mean(np.square(errors))) < 2.15
+    # Root mean square of six normal errors that chance passes once in a thousand.
+    assert np.sqrt(np.mean(np.square(errors))) < 1.93

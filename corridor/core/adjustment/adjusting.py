@@ -230,7 +230,8 @@ def _from_a_better_start(
     only without some of the measurements, from start values that are made of the measurements
     alone, where that fits, and with more of them.
 
-    robust: tells whether it may, for all that an adjustment asks takes long where nothing fits.
+    robust: one robust adjustment, which shows whether these may fit: `adjusted` asks many questions
+    and takes long where nothing does.
     """
     result, told = None, ""
     try:
@@ -269,7 +270,7 @@ def _fits_more(
     except AdjustmentFailed:
         return False
     except InputError:
-        # What it is asked by may leave out what this cannot adjust.
+        # The whole adjustment may leave out what this one cannot adjust.
         return True
     fit = _rays_that_fit(found)
     return fit > max(0.5 * len(begun.tie_points), 0 if result is None else _rays_that_fit(result))

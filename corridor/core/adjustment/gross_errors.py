@@ -242,11 +242,14 @@ def _odd_image(
     length = np.hypot(ties["vx"], ties["vy"]) / ties["sigma"]
     # The median of each: single wrong matches make no image odd. Nor is one that is as stated.
     by_image = length.groupby(ties["image"].astype(str))
-    size = np.log(by_image.median()[by_image.size() >= _ENOUGH].clip(lower=1.0))
+    size = np.log(by_image.median()[by_image.size() >= _ENOUGH].clip(lower=1e-9))
     if len(size) < _IMAGES:
         return None
+    # How far images differ is seen below what is stated too: what a model lacks is in some more.
+    scale = robust_scale((size - size.median()).to_numpy())
+    size = size.clip(lower=0.0)
     above = size - size.median()
-    scale, name = robust_scale(above.to_numpy()), str(above.idxmax())
+    name = str(above.idxmax())
     sigmas, least = (_FEW, 1.0) if name in doubted else (OUTLIER, CONTRADICTING_FACTOR)
     if above[name] < np.log(least):
         return None

@@ -44,9 +44,10 @@ GRID = np.concatenate([np.linspace(0.0, 0.98, 99), 1 - np.geomspace(0.018, 1e-6,
 ENOUGH_EPOCHS = 12
 # Gain in log likelihood from which on slow noise is believed: a chance of one in seven.
 LEAST_GAIN = 2.0
-# What is left free, by residuals: more would be lost in the digits of what it meets.
+# So many times as large as the residuals may be what is left free; beside the weights of what is
+# measured, the prior of more would be lost to rounding.
 FREE = 1e3
-# Singular values of what antenna effects do, in the largest: smaller ones are others' sum.
+# What has a smaller singular value, relative to the largest, is a sum of other antenna effects.
 RANK = 1e-6
 # Weight, in degrees of freedom, of a stated standard deviation where few residuals tell.
 STATED_FREEDOM = 20.0

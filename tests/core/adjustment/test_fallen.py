@@ -67,6 +67,9 @@ def test_the_rest_is_as_flown(seed):
     rest = found.block.images["image"].astype(str) != "twin.tif"
     away = np.linalg.norm((found.block.poses[rest] - flown)[:, :3], axis=1)
     assert away.max() < min(block.sigma["gnss_m"])
+    # What is left out is wrong, or of points that the twin shows too.
+    gone = set(block.tie_points["point"]) - set(found.block.tie_points["point"])
+    assert gone <= set(block.tie_points.loc[block.tie_points["image"] == "twin.tif", "point"])
     # Half of its matches are wrong: they or the image are left out, and said.
     assert left_out(found) or any("twin.tif" in line for line in found.warnings)
 

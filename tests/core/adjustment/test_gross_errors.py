@@ -9,6 +9,7 @@ import corridor
 from benchmarks.diagnosis.generator.cases import Case
 from benchmarks.diagnosis.generator.generate import generate
 from corridor.core.adjustment.false_positions import _concentrated_from
+from corridor.core.effects import add
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.simulation import read_plan
 
@@ -195,6 +196,13 @@ class TestOneImage:
         block = corridor.simulate(plan, {"rolling_shutter": {"readout": 0.025}}, seed=0)
         found = corridor.adjust(block, camera="fraser10")
         assert found.sigma0 > 2.0 and not any("left out" in note for note in found.notes)
+
+    @pytest.mark.parametrize("readout", [0.020, 0.025])
+    def test_that_it_bends_more_where_most_fit_better_than_stated_stays(self, readout):
+        """One image fits twice as badly as is stated, and others hardly less: no other picture."""
+        block = corridor.simulate("docs/effect_flight.toml")
+        found = corridor.adjust(add(block, {"rolling_shutter": {"readout": readout}}))
+        assert found.sigma0 < 1.0 and not any("left out" in note for note in found.notes)
 
     def test_of_which_all_marks_are_beside_their_points_is_named(self):
         block = flown(31)
