@@ -185,8 +185,10 @@ def adjust(
             found.begun_from(part)
             return found
 
-    def whole(part: Block) -> Adjustment:
-        found = _without_gross_errors(part, model, again, weights == "marks", run.strict)
+    def sound(part: Block) -> Adjustment:
+        return _without_gross_errors(part, model, again, weights == "marks", run.strict)
+
+    def settled(found: Adjustment, part: Block) -> Adjustment:
         if reject_gnss:
             found = without_false_fixes(found, again, part.gnss_sigma())
         found = weighted_by_scatter(found, again)
@@ -203,7 +205,9 @@ def adjust(
         block, left_out = adjustable_part_as_seen(block, model, again, run.strict)
         doubtful = [*turned, *other, *plausibility_warnings(block, without=True)]
         try:
-            result, exchanged = _with_ground_as_seen(block, model, whole, again, run.strict)
+            result, exchanged = _with_ground_as_seen(
+                block, model, sound, settled, again, run.strict
+            )
         except (InputError, AdjustmentFailed) as error:
             if not doubtful:
                 raise
@@ -326,21 +330,38 @@ def refit(
 def _with_ground_as_seen(
     block: Block,
     model: Model,
-    whole: Callable[[Block], Adjustment],
+    sound: Callable[[Block], Adjustment],
+    settled: Callable[[Adjustment, Block], Adjustment],
     again: Callable,
     strict: bool,
 ) -> tuple[Adjustment, list[str]]:
     """The block adjusted; where that fails, or no camera is so, without false matches or exchanged
-    ground points."""
+    ground points.
+
+    sound: adjusts without gross errors in marks and positions. settled: then weighs all as it is.
+    """
     result: Adjustment | None = None
+    failure: InputError | AdjustmentFailed
     left: list[str] = []
+
+    def whole(part: Block) -> Adjustment:
+        return settled(sound(part), part)
+
     try:
-        result = whole(block)
+        result = sound(block)
+        # Where squares get nowhere, weights are asked for when false matches are not the cause.
+        if strict or result.converged:
+            result = settled(result, block)
     except (InputError, AdjustmentFailed) as error:
-        failure = error
+        failure, result = error, None
     wrecked = result is None or not result.converged or result.sigma0 > _WRECKED
     if not strict and (result is None or _misfits(result)):
         found = where_it_leads(with_true_matches, block, model, again, whole, _begun)
+        if found is None and result and len(result.start.marks) < len(block.marks):
+            # Where wrong marks bend all, they hide which matches are false.
+            found = where_it_leads(with_true_matches, result.start, model, again, whole, _begun)
+            if found:
+                found.keep_notes(result)
         better = (
             found
             and found.converged
@@ -352,12 +373,17 @@ def _with_ground_as_seen(
             # What the model lacks, or ground points, may still be wrong beside them.
             result, block, left = found, found.start, found.notes
             wrecked = result.sigma0 > _WRECKED
+    if not strict and result and not result.converged:
+        try:
+            result = settled(result, block)
+        except (InputError, AdjustmentFailed) as error:
+            failure, result = error, None
     # A robust loss takes marks of points that lie elsewhere for wrong ones.
     if result is None or wrecked or _many_wrong_marks(result) or implausible(result):
-        sound, notes = without_exchanged(block, model, again)
+        right, notes = without_exchanged(block, model, again)
         if notes:
             try:
-                return whole(sound), [*left, *notes]
+                return whole(right), [*left, *notes]
             except (InputError, AdjustmentFailed) as error:
                 raise type(error)(f"{notes[0]} So: {error}") from None
     if result is None:

@@ -12,9 +12,8 @@ import numpy as np
 from corridor.core.adjustment.blunders import exchanged_points
 from corridor.core.adjustment.false_positions import false_apart, lengths
 from corridor.core.adjustment.gross_ground import (
-    LOOKING_STEPS,
-    NO_SAY,
     OF_THREE,
+    looked_at,
     suspicious,
     told_marks,
     with_ground_apart,
@@ -254,10 +253,9 @@ def _odd_image(
     if above[name] < np.log(least):
         return None
     if above[name] < sigmas * scale:
-        model = replace(found.problem.model, loss=NO_SAY)
-        robust = (
-            where_it_leads(again, found.start, model) if again and name not in doubted else None
-        )
+        robust = None
+        if again and name not in doubted:
+            robust = looked_at(again, found.start, found.problem.model)
         return _odd_image(robust, doubted) if robust else None
     return name, float(np.exp(above[name]))
 
@@ -282,7 +280,9 @@ def _without_marks(result: Adjustment, again: Again, notes: list[str]) -> Adjust
     if not len(marks) or not marks["outlier"].any():
         return result
     block, model = result.start, result.problem.model
-    robust = again(block, replace(model, loss=NO_SAY), steps=LOOKING_STEPS)
+    robust = looked_at(again, block, model)
+    if robust is None:
+        return result
     table = robust.residuals["mark"]
     wrong = wrong_marks(table)
     if not wrong.any() or wrong.sum() > _MOST * len(wrong):

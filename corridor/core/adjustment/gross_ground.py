@@ -9,6 +9,7 @@ Source: Rousseeuw and Leroy 1987 (least median of squares, by samples of as few 
 """
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations, islice
 
@@ -22,8 +23,14 @@ from corridor.core.adjustment.result import Adjustment, Again, where_it_leads
 from corridor.core.adjustment.warnings import implausible
 from corridor.core.block import Block, values_of
 from corridor.core.camera import project
-from corridor.core.errors import InputError, some
-from corridor.core.geometry import GROSS, OUTLIER, robust_scale_of_lengths, similarity
+from corridor.core.errors import AdjustmentFailed, InputError, some
+from corridor.core.geometry import (
+    GROSS,
+    OUTLIER,
+    robust_scale,
+    robust_scale_of_lengths,
+    similarity,
+)
 from corridor.core.output import counted
 
 # A robust loss that gross errors have no say in.
@@ -41,6 +48,8 @@ _AS_GOOD = 3.0
 # An error is in one axis where the others have this share of it; several are one within it.
 _SHARE = 0.1
 _NAMED = 5
+# Marks of a point of which one can be wrong, and what names it as a tie point.
+_FOR_ONE, _AS_TIE = 3, "ground point "
 
 
 def suspicious(result: Adjustment) -> bool:
@@ -62,39 +71,102 @@ def with_ground_apart(
     used = np.flatnonzero(model.roles(block) != "unused")
     if len(used) < _LEAST or not len(block.marks):
         return None, []
-    factor, robust = _SILENT if placed else _LOOSE, replace(model, loss=NO_SAY)
+    factor = _SILENT if placed else _LOOSE
     given = block.numbers("ground", *"xyz")[used]
-    start, off = block, np.zeros(len(used), bool)
+    names = block.ground["point"].to_numpy(dtype=object)[used]
+    sigma, either = block.ground_sigma()[used], ""
+    lone = block.marks.iloc[:0] if placed else _beside_ties(block, model, again)
+    start, off = without_marks(block, lone), np.zeros(len(used), bool)
     # Points that lie elsewhere draw marks of the others, where no GNSS holds the block.
     for _ in range(1 if placed else 2):
-        ended = where_it_leads(again, with_mark_sigma(start, factor), robust)
+        ended = looked_at(again, with_mark_sigma(start, factor), model)
         if ended is None:
             return None, []
         loose = ended
         wrong = loose.residuals["mark"][wrong_marks(loose.residuals["mark"], 0.0)]
+        wrong = pd.concat([lone, wrong], ignore_index=True)
         sound = without_marks(block, wrong)
         away = given - _seen(sound, loose)[used]
-        more, rival = _off(given, given - away, block.ground_sigma()[used], placed)
+        more, rival = _off(given, given - away, sigma, placed)
         if rival.any():
-            return None, [_told_either(block.ground["point"].to_numpy()[used], more, rival)]
-        off |= more
-        control = off & (model.roles(block)[used] == "control")
-        start = _set_aside(sound, used[control], away[control])
-        if model.control is None and model.check is None:
-            start.ground.loc[start.ground.index[used[off & ~control]], "role"] = "unused"
-        if not control.any():
+            either = _told_either(names, more, rival)
+            off[:] = False
             break
-    if not (len(wrong) or off.any()):
+        off |= more
+        if not placed:
+            # What is wrong had a say in where all of it lies, those that agree have it alone.
+            with suppress(InputError):
+                away = given - _laid_on(given, given - away, ~off)
+        if not off.any():
+            break
+        start = _with_points_aside(sound, model, used, off, away)
+    if either and not len(wrong):
+        return None, [either]
+    while len(wrong) or off.any():
+        start = _with_points_aside(sound, model, used, off, away)
+        found = where_it_leads(again, start, model)
+        if found is None:
+            return None, [either] if either else []
+        seen = _seen(start, found)
+        away = given - seen[used]
+        # Rough as the look was, it may have bent what is right.
+        usual = np.maximum(sigma, robust_scale(away[~off], axis=0))
+        right = off & (np.abs(away) < OUTLIER * usual).all(axis=1)
+        wrong, good = _as_found(wrong, start, found, seen)
+        if not (right.any() or good.any()):
+            break
+        off &= ~right
+        wrong = wrong[~good]
+        sound = without_marks(block, wrong)
+    else:
         return None, []
-    found = where_it_leads(again, start, model)
-    if found is None:
-        return None, []
-    away = given - _seen(start, found)[used]
-    notes = [told_marks(loose, wrong)] if len(wrong) else []
+    notes = [told_marks(found, wrong)] if len(wrong) else []
+    if found.residuals["control"]["outlier"].any():
+        notes += [either] if either else []
     if off.any():
-        names = block.ground["point"].to_numpy(dtype=object)[used]
         notes.append(_told_points(block, used, names, given, away, off))
     return found, notes
+
+
+def _with_points_aside(
+    block: Block, model: Model, used: np.ndarray, off: np.ndarray, away: np.ndarray
+) -> Block:
+    """The block with some ground points (n,) of those used set aside: control keeps a standard
+    deviation of the size by which it is away (n, 3), others are unused."""
+    control = off & (model.roles(block)[used] == "control")
+    start = _set_aside(block, used[control], away[control])
+    if model.control is None and model.check is None:
+        start.ground.loc[start.ground.index[used[off & ~control]], "role"] = "unused"
+    return start
+
+
+def _beside_ties(block: Block, model: Model, again: Again) -> pd.DataFrame:
+    """Marks that miss where the others of their point meet, as rows of residuals.
+
+    Where only ground points hold a block, a wrong mark bends it; as tie points, of a free network,
+    marks have no more say than others.
+    """
+    marks = block.marks.astype({"point": str})
+    marks = marks[marks.groupby("point")["image"].transform("size") >= _FOR_ONE]
+    names = _AS_TIE + marks["point"]
+    ties = pd.concat([block.tie_points, marks.assign(point=names)], ignore_index=True)
+    bare = {name: getattr(block, name).iloc[:0] for name in ("marks", "ground", "gnss")}
+    free = block.with_(tie_points=ties.astype({"point": "category", "image": "category"}), **bare)
+    found = looked_at(again, free, replace(model, control=None, check=None))
+    if found is None:
+        return block.marks.iloc[:0]
+    table = found.residuals["tie"].astype({"point": str})
+    table = table[table["point"].isin(names)].reset_index(drop=True)
+    table["point"] = table["point"].str.removeprefix(_AS_TIE)
+    return table[wrong_marks(table)]
+
+
+def looked_at(again: Again, block: Block, model: Model) -> Adjustment | None:
+    """What a robust adjustment shows to be gross, though it creeps on; None where it fails."""
+    try:
+        return again(block, replace(model, loss=NO_SAY), steps=LOOKING_STEPS)
+    except (InputError, AdjustmentFailed):
+        return None
 
 
 def _seen(block: Block, found: Adjustment) -> np.ndarray:
@@ -144,7 +216,7 @@ def _off(
     out[known] = wrong
     others = (one[1] > GROSS * max(one[0], usual) / OF_THREE for one in good)
     other = next((one for one in others if (one & ~wrong).any()), None)
-    if other is not None and not placed:
+    if other is not None and not placed and wrong.any():
         rival[known] = other
     return out, rival
 
@@ -155,11 +227,42 @@ def _lengths(
     """How far (n,) points lie from where they are given, some of them laid on it."""
     if placed:
         return np.linalg.norm(given - seen - np.median((given - seen)[some], axis=0), axis=1)
+    mine = np.isin(np.arange(len(given)), some)
     try:
-        moved = similarity(seen[some], given[some]).apply(seen)
+        moved = _laid_on(given, seen, mine)
     except InputError:
         return None
     return np.linalg.norm(given - moved, axis=1)
+
+
+def _laid_on(given: np.ndarray, seen: np.ndarray, sound: np.ndarray) -> np.ndarray:
+    """What is seen (n, 3), turned, scaled and moved so that the sound points lie on the given.
+
+    Raises InputError where these are too few, or lie in a line.
+    """
+    known = sound & np.isfinite(given).all(axis=1) & np.isfinite(seen).all(axis=1)
+    return similarity(seen[known], given[known]).apply(seen)
+
+
+def _as_found(
+    gone: pd.DataFrame, block: Block, found: Adjustment, seen: np.ndarray
+) -> tuple[pd.DataFrame, np.ndarray]:
+    """Marks that are gone with the residuals that they have where the others show their points
+    (n, 3), and which of them are right there."""
+    gone, lens = gone.reset_index(drop=True), [c.interior for c in found.block.cameras.values()]
+    images = found.problem.images
+    at = pd.Index(images.names.astype(str)).get_indexer(gone["image"].astype(str))
+    place = seen[pd.Index(block.ground["point"]).get_indexer(gone["point"].astype(str))]
+    for row in np.flatnonzero((at >= 0) & np.isfinite(place).all(axis=1)):
+        k = at[row]
+        pose = found.state.centre[k], found.state.rotation[k], lens[images.camera[k]]
+        v = values_of(gone, "x", "y")[row] - project(place[row][None], *pose)[0]
+        if np.isfinite(v).all():
+            gone.loc[row, ["vx", "vy"]] = v
+    table = found.residuals["mark"]
+    usual = np.hypot(table["vx"], table["vy"]).to_numpy() / table["sigma"].to_numpy()
+    length = np.hypot(gone["vx"], gone["vy"]).to_numpy() / gone["sigma"].to_numpy()
+    return gone, length < OUTLIER * robust_scale_of_lengths(usual, least=1.0)
 
 
 def _set_aside(block: Block, rows: np.ndarray, away: np.ndarray) -> Block:
@@ -215,12 +318,13 @@ def told_marks(robust: Adjustment, gone: pd.DataFrame) -> str:
     row = {name: k for k, name in enumerate(robust.problem.images.names.tolist())}
     shown, others = [], []
     for mark in gone.itertuples():
-        k = row[str(mark.image)]
+        off, k = float(np.hypot(mark.vx, mark.vy)), row.get(str(mark.image))
+        shown.append(f"{mark.point} in {mark.image}, {off:.0f} px")
+        if k is None:
+            continue
         camera = list(block.cameras.values())[robust.problem.images.camera[k]]
         seen = project(place, robust.state.centre[k], rotation[k], camera.interior)
         away = np.hypot(*(seen - [mark.x, mark.y]).T)
-        off = float(np.hypot(mark.vx, mark.vy))
-        shown.append(f"{mark.point} in {mark.image}, {off:.0f} px")
         if np.isfinite(away).any() and np.nanmin(away) < _SHARE * off:
             others.append(str(ground["point"].iloc[int(np.nanargmin(away))]))
     many = counted(len(gone), "mark")
