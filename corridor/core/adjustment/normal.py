@@ -175,7 +175,7 @@ class Normal:
         if c:
             names = p.block.ground["point"].to_numpy(dtype=object)[p.control_rows]
             rows = np.flatnonzero((p.control >= 0) & (p.control < c))
-            modelled = np.empty((c, 3))
+            modelled = p.control_given[:c].copy()
             modelled[p.control[rows]] = state.points[rows]
             ground = Context(images, point=list(names), position=modelled)
             moved, d_ground = p.stack.evaluate("ground", ground, state.effects)

@@ -150,7 +150,7 @@ class Reliability:
         height: the largest move of any point in these; m."""
         control = self.control
         errors = control["least_error"].to_numpy(float)
-        found = moves(self._of.covariance, np.array(self._control_points, np.int64), errors)
+        found = moves(self._of.covariance, errors)
         kept = pd.DataFrame(control[["point", "axis", "least_error"]])
         whole = pd.concat([kept, pd.DataFrame(found)], axis=1)
         return with_units(whole, {"m": "least_error x y z moved plan height"})
@@ -181,7 +181,7 @@ class Reliability:
     def control_cofactors(self) -> np.ndarray:
         """Cofactors (3 c, 3 c) of the residuals of control, x, y, z of each point, in units of its
         standard deviations."""
-        return of_control(self._of.covariance, [self._points[k] for k in self._control_points])
+        return of_control(self._of.covariance)
 
     @cached_property
     def _blunders(self) -> list[Blunder]:
@@ -219,7 +219,8 @@ class Reliability:
     def _share(self, kind: str) -> np.ndarray:
         """Cofactors (k, 3, 3) of the residuals of each row of a kind, independent, of sigma 1."""
         if kind == "control":
-            found = [self._points[k].share[-3:, -3:] for k in self._control_points]
+            control = self._of.covariance.control.points.tolist()
+            found = [self._points[k].share[-3:, -3:] for k in control]
             return np.array(found).reshape(-1, 3, 3)
         return self._antennas[kind]
 
@@ -242,13 +243,6 @@ class Reliability:
         return dict(
             zip(marked.tolist(), of_points(self._of.covariance, marked.tolist()), strict=True)
         )
-
-    @property
-    def _control_points(self) -> list[int]:
-        """Number of the point of each control point."""
-        p = self._of.problem
-        rows = np.flatnonzero((p.control >= 0) & (p.control < len(p.control_rows)))
-        return rows[np.argsort(p.control[rows])].tolist()
 
     def to_dict(self) -> dict:
         """For adjustment.json: `summary`, `wrong_control`, and the tables of ground points."""

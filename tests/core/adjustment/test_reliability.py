@@ -76,8 +76,7 @@ class TestCofactors:
             if p.control[one.point] >= 0:
                 at = np.append(at, control + 3 * p.control[one.point] + np.arange(3))
             assert np.abs(one.share - whole[np.ix_(at, at)]).max() < tolerance
-        mine = sorted((p.control[f.point], f.point, f) for f in found if p.control[f.point] >= 0)
-        together = of_control(adjusted.covariance, [f for *_, f in mine])
+        together = of_control(adjusted.covariance)
         assert np.abs(together - whole[control:, control:]).max() < tolerance
 
     def test_sparse_storage_gives_the_same(self):
@@ -135,8 +134,7 @@ class TestNoise:
     def test_w_is_normal_and_a_least_error_is_found_in_four_of_five(self):
         """Linear: residuals are R times errors; 400 draws, so 80 +- 2 % by the binomial."""
         adjusted = corridor.adjust(flown(control=5))
-        found = [adjusted.reliability._points[k] for k in adjusted.reliability._control_points]
-        share = of_control(adjusted.covariance, found)
+        share = adjusted.reliability.control_cofactors
         table = adjusted.reliability.control
         assert np.allclose(np.diag(share), table["redundancy"])
         rng = np.random.default_rng(0)
@@ -208,8 +206,7 @@ class TestWrongControl:
     def test_nothing_is_named_where_nothing_is_wrong(self):
         """300 sets of residuals of pure noise: 1 % of them, 7 at the most in 99 %."""
         adjusted = corridor.adjust(flown(control=6))
-        found = [adjusted.reliability._points[k] for k in adjusted.reliability._control_points]
-        share = of_control(adjusted.covariance, found)
+        share = adjusted.reliability.control_cofactors
         size, axes = np.linalg.eigh(share)
         root = axes * np.sqrt(np.clip(size, 0.0, None))
         rng = np.random.default_rng(1)
