@@ -24,10 +24,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from scipy.stats import norm
 
 import corridor
 from benchmarks import nist
 from corridor.core.adjustment.cofactors import of_points
+from corridor.core.adjustment.reliability import OF_ALL, critical
 from corridor.core.camera import INTERIOR
 from corridor.core.geometry import quaternion_from_rotation, rotation_from_vector
 from corridor.tools.formats import read_project
@@ -390,6 +392,23 @@ def _of_aicon_rays(folder: Path, adjusted) -> Iterator[Row]:
     tests.sigmas = [1.0] * len(tests.pairs)
     yield shares
     yield tests
+    (text,) = {
+        words[-1] for words in _protocol(folder) if words[:1] == ["Testwert"] and "den" in words
+    }
+    count = len(tests.pairs) + len(p.distance_given)
+    alpha = 2.0 * norm.sf(_normal_quantile(OF_ALL / count / 2.0))
+    ours = critical(alpha, adjusted.redundancy)
+    yield Row("aicon", "critical value of the outlier test", [(ours, float(text), half_unit(text))])
+
+
+def _normal_quantile(p: float) -> float:
+    """What a normal number exceeds with a small probability, good to 4.5e-4, as AICON has it.
+
+    Source: Abramowitz and Stegun 1964, 26.2.23.
+    """
+    t = math.sqrt(-2.0 * math.log(p))
+    above = 2.515517 + 0.802853 * t + 0.010328 * t * t
+    return t - above / (1.0 + 1.432788 * t + 0.189269 * t * t + 0.001308 * t**3)
 
 
 def _aicon_rays(folder: Path) -> dict[tuple[str, str], list[str]]:

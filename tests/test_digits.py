@@ -47,6 +47,7 @@ def test_the_protocol_of_aicon_with_its_scale_bar():
         "scale bar (mm)",
         "correlations of the camera",
         "redundancies of rays",
+        "critical value of the outlier test",
     ):
         assert rows[what].verdict == "all", what
     poses = rows["correlations of poses with the camera"]

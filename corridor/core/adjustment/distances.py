@@ -268,11 +268,13 @@ def table_of(p: Problem, state: State, covariance: Covariance, sigma0: float) ->
 
 def wrong_of(p: Problem, state: State, covariance: Covariance, sigma0: float) -> pd.DataFrame:
     """Distances that all others contradict: from, to, error and sigma (given minus true, m), w, and
-    `or_else`, others that explain the same as well. Tested as control is, all together."""
+    `or_else`, others that explain the same as well. Tested as control is, all together, and up to
+    half as many as have a redundancy: fewer wrong ones than that have no other explanation."""
     from corridor.core.adjustment.snooping import blunders, with_scale
 
-    tested = with_scale(*_tested(p, state, covariance), max(sigma0, 1.0))
-    found = blunders(*tested, least=1)
+    residual, share = _tested(p, state, covariance)
+    most = round(float(np.trace(share))) // 2
+    found = blunders(*with_scale(residual, share, max(sigma0, 1.0)), least=1, most=most)
     sigma, named = p.distance_weight**-0.5, _named(p)
     names = [" to ".join(pair) for pair in zip(named["from"], named["to"], strict=True)]
     frame = named.iloc[[one.number for one in found]].reset_index(drop=True)

@@ -1,7 +1,8 @@
 """What could have hidden: redundancy, tests, least errors that show, and predictions.
 
-Source: Baarda 1968 (inner and external reliability); Förstner 1980; Gruen 1980. Probabilities are
-those of Baarda: an error is found with 80 % where one good measurement in a thousand is accused.
+Source: Baarda 1968 (inner and external reliability); Förstner 1980; Gruen 1980; Pope 1976 (tau).
+Probabilities are those of Baarda: an error is found with 80 % where one good measurement in a
+thousand is accused.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 from scipy.linalg import block_diag
-from scipy.special import chdtrc, ndtri
+from scipy.special import betainc, chdtrc, ndtri, stdtrit
 
 from corridor.core.adjustment.cofactors import OfPoint, of_antennas, of_control, of_points
 from corridor.core.adjustment.external_reliability import moves
@@ -27,8 +28,24 @@ if TYPE_CHECKING:
 # Rays up to which reports tell what needs a matrix of all of them (500 MB).
 _MOST_RAYS = 2_000_000
 ALPHA, BETA = 1e-3, 0.2
+# In so many sets of good measurements the largest w of a kind is beyond the critical value.
+OF_ALL = 0.05
 # Non-centrality of a test of that size and power, in sigmas: 4.13.
 DELTA = float(-ndtri(ALPHA / 2) - ndtri(BETA))
+
+
+def critical(alpha: float, redundancy: float | None = None) -> float:
+    """What |w| of a good measurement exceeds with a probability of alpha.
+
+    redundancy f: with which sigma naught is estimated from the same residuals, None where it is
+    given. Then w follows Pope's tau, t sqrt(f) / sqrt(f - 1 + t^2) with Student's t of f - 1.
+    """
+    if redundancy is None:
+        return float(-ndtri(alpha / 2))
+    if redundancy <= 1:
+        return float(np.sqrt(max(redundancy, 0)))  # Of one redundancy w is always 1.
+    t = -stdtrit(redundancy - 1, alpha / 2)
+    return float(t * np.sqrt(redundancy / (redundancy - 1 + t * t)))
 
 
 class Reliability:
@@ -96,7 +113,8 @@ class Reliability:
             mine[["sx", "sy"]] = np.sqrt(
                 np.einsum("nij,nij->ni", np.linalg.inv(root), np.linalg.inv(root))
             )
-        return _table(("point", "image"), mine, np.array(share).reshape(-1, 2, 2), "px", root)
+        share = np.array(share).reshape(-1, 2, 2)
+        return _table(("point", "image"), mine, share, "px", root, self._of.redundancy)
 
     @cached_property
     def check(self) -> pd.DataFrame:
@@ -112,7 +130,8 @@ class Reliability:
     @cached_property
     def summary(self) -> pd.DataFrame:
         """A row for each kind: count of numbers, redundancy together, its mean and least,
-        largest w, and the median and largest least error."""
+        largest w and its critical value (exceeded by the largest of a kind in one of twenty good
+        sets), and the median and largest least error."""
         rows: dict[str, tuple] = {}
         taken = 0.0
         tables = (
@@ -125,17 +144,19 @@ class Reliability:
                 continue
             share = table["redundancy"]
             taken += share.sum()
-            error = table["least_error"]
+            error, scaled = table["least_error"], self._of.redundancy if kind == "mark" else None
             rows[kind] = (len(table), share.sum(), share.mean(), share.min(),
-                          table["w"].abs().max(), error.median(), error.max(), unit)  # fmt: skip
+                          table["w"].abs().max(), critical(OF_ALL / len(table), scaled),
+                          error.median(), error.max(), unit)  # fmt: skip
         p = self._of.problem
         ties = 2 * int(np.count_nonzero(p.row < p.tie_count))
         if ties:
             # What is left; of priors each takes at most one.
             left = self._of.redundancy - taken
-            rows["tie"] = (ties, left, left / ties, *[np.nan] * 4, "px")
-        columns = ["count", "redundancy", "mean", "least", "largest_w", "median_least_error",
-                   "largest_least_error", "unit"]  # fmt: skip
+            most = critical(OF_ALL / ties, self._of.redundancy)
+            rows["tie"] = (ties, left, left / ties, np.nan, np.nan, most, np.nan, np.nan, "px")
+        columns = ["count", "redundancy", "mean", "least", "largest_w", "critical_w",
+                   "median_least_error", "largest_least_error", "unit"]  # fmt: skip
         return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("kind")
 
     @property
@@ -269,14 +290,20 @@ class Reliability:
 
 
 def _table(
-    key, residuals: pd.DataFrame, share: np.ndarray, unit: str, root: np.ndarray | None = None
+    key,
+    residuals: pd.DataFrame,
+    share: np.ndarray,
+    unit: str,
+    root: np.ndarray | None = None,
+    redundancy: float | None = None,
 ) -> pd.DataFrame:
     """The columns of `Reliability` from residuals v and sigmas s of some axes.
 
     share (n, k, k): R, cofactors of the residuals of each where all are independent, of sigma 1;
     root (n, k, k): G, which makes that of v; None: 1 / s. Of correlated axes, with P = G'G, an
     error e of one shows in the test w = (P v) / sqrt((G'RG)) (Koch 1999, section 4.2.3); the
-    redundancy is the diagonal of G^-1 R G, which need not lie between 0 and 1.
+    redundancy is the diagonal of G^-1 R G, which need not lie between 0 and 1. redundancy f: as of
+    `critical`; the square of k axes over f is a Beta of k / 2 and (f - k) / 2 then.
     """
     keys = (key,) if isinstance(key, str) else key
     k = share.shape[1]
@@ -309,8 +336,15 @@ def _table(
         "external": np.where(shown, DELTA * np.sqrt(known - seen) / size, np.inf),
         "predicted": turned(back, left_out),
         "s_predicted": np.sqrt(np.einsum("nij,njk,nik->ni", back, inverse, back)),
-        "p": np.broadcast_to(chdtrc(k, test)[:, None], r.shape),
+        "p": np.broadcast_to(_chance(k, test, redundancy)[:, None], r.shape),
     }
     out["axis"] = np.tile(axes, len(residuals))
     out |= {name: values.ravel() for name, values in numbers.items()}
     return with_units(pd.DataFrame(out), {unit: "least_error predicted s_predicted"})
+
+
+def _chance(k: int, test: np.ndarray, redundancy: float | None) -> np.ndarray:
+    """Probability of squares (n,) of k axes, or of more; arguments as of `_table`."""
+    if redundancy is None or redundancy <= k:
+        return chdtrc(k, test)
+    return betainc((redundancy - k) / 2, k / 2, np.clip(1.0 - test / redundancy, 0.0, 1.0))
