@@ -113,8 +113,9 @@ def angles(rotation: np.ndarray) -> np.ndarray:
     return np.degrees(np.column_stack([omega, phi, kappa]))
 
 
-def _angle_covariances(adjusted) -> tuple[np.ndarray, np.ndarray]:
-    """Angles (m, 3) and the standard deviations of centre and angles (m, 6), in file order."""
+def _angle_covariances(adjusted) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Angles (m, 3), the standard deviations of centre and angles (m, 6) and their correlations
+    (m, 6, 6), in file order."""
     p, state = adjusted.problem, adjusted.state
     covariance = adjusted.covariance.each_pose[:, :6, :6]
     middle = angles(state.rotation)
@@ -129,10 +130,11 @@ def _angle_covariances(adjusted) -> tuple[np.ndarray, np.ndarray]:
     by = np.zeros((len(middle), 6, 6))
     by[:, :3, :3], by[:, 3:, 3:] = np.eye(3), turn
     full = by @ covariance @ by.transpose(0, 2, 1)
-    sigma = adjusted.sigma0 * np.sqrt(np.einsum("nii->ni", full))
+    size = np.sqrt(np.einsum("nii->ni", full))
     order = np.empty_like(p.order)
     order[p.order] = np.arange(len(order))
-    return middle[order], sigma[order]
+    like = full / size[:, :, None] / size[:, None]
+    return middle[order], adjusted.sigma0 * size[order], like[order]
 
 
 _ANGLES, _CENTRE = ("Omega", "Phi", "Kappa"), ("Xc", "Yc", "Zc")
@@ -151,10 +153,12 @@ def of_photogrammetry(folder: Path) -> Iterator[Row]:
         if what in published:
             text = published[what]
             yield Row(name, what, [(ours, float(text), half_unit(text))])
+    yield from _of_residuals(name, adjusted, published)
+    yield from _of_control(name, adjusted, published, sigma0)
     photos = next((v for k, v in published.items() if k.startswith("photos")), None)
     if not photos:
         return
-    turned, sigma = _angle_covariances(adjusted)
+    turned, sigma, like = _angle_covariances(adjusted)
     factor = sigma0 / adjusted.sigma0
     offset = block.offset
     centre = adjusted.pose[:, :3] + offset
@@ -180,6 +184,51 @@ def of_photogrammetry(folder: Path) -> Iterator[Row]:
     yield values
     if errors.pairs:
         yield errors
+    strong = Row(name, "correlations over 95 %")
+    labels = [*_CENTRE, *_ANGLES]
+    for key, text in published.get("correlations over 95 %", {}).items():
+        image, _, one = key.partition(": ")
+        for other, value in re.findall(r"(\w+):(-?[\d.]+)%", text):
+            ours = 100.0 * like[of_image[image], labels.index(one), labels.index(other)]
+            strong.pairs.append((float(ours), float(value), half_unit(value)))
+    if strong.pairs:
+        yield strong
+
+
+def _of_residuals(name: str, adjusted, published: dict) -> Iterator[Row]:
+    """Norm of the weighted residuals, root mean square of image points and the largest, px."""
+    v = np.concatenate(
+        [adjusted.residuals[kind][["vx", "vy"]].to_numpy(float) for kind in ("tie", "mark")]
+    )
+    square = np.sum(v**2, axis=1)
+    row = Row(name, "residuals: norm, RMS, largest")
+    for what, ours in (
+        ("residual_norm", math.sqrt(2 * adjusted.cost)),
+        ("image_rms_px", math.sqrt(square.mean())),
+        ("largest_residual_px", math.sqrt(square.max())),
+    ):
+        text = published[what]
+        row.pairs.append((ours, float(text), half_unit(text)))
+    yield row
+
+
+def _of_control(name: str, adjusted, published: dict, sigma0: float) -> Iterator[Row]:
+    """Control points as adjusted, with their standard deviations; exact ones have none."""
+    given = next((v for k, v in published.items() if k.startswith("control adjusted")), {})
+    points = adjusted.points.assign(point=adjusted.points["point"].astype(str))
+    at = {point: k for k, point in enumerate(points["point"])}
+    places, sigma = points[["x", "y", "z"]].to_numpy(float), adjusted.point_sigma
+    values, errors = Row(name, "control"), Row(name, "standard deviations of control")
+    for point, printed in given.items():
+        k = at[point]
+        for axis in range(3):
+            ours = float(places[k, axis] + adjusted.block.offset[axis])
+            values.pairs.append((ours, float(printed[axis]), half_unit(printed[axis])))
+            spread = printed[3 + axis]
+            if float(spread):
+                own = float(sigma[k, axis] * sigma0 / adjusted.sigma0)
+                errors.pairs.append((own, float(spread), half_unit(spread)))
+    yield from (row for row in (values, errors) if row.pairs)
 
 
 def of_list(folder: Path) -> Iterator[Row]:
