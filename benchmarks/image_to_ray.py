@@ -53,7 +53,7 @@ class ImageToRay(Effect):
         return context.measured - middle - self._lens(context, middle, whole), derivative
 
     def _lens(self, context, middle, values):
-        """The point (rows, 2) that a camera without a lens would have shown, from the middle, px."""
+        """Where a camera without a lens had shown it (rows, 2), from the middle, px."""
         px, py, k1, k2, k3, p1, p2, aspect = values.T
         x, y = (self.pitch * (context.measured - middle)).T * [[1.0], [-1.0]]
         # DBAT scales from the corner of the picture.

@@ -113,8 +113,8 @@ class Reliability:
             mine[["sx", "sy"]] = np.sqrt(
                 np.einsum("nij,nij->ni", np.linalg.inv(root), np.linalg.inv(root))
             )
-        share = np.array(share).reshape(-1, 2, 2)
-        return _table(("point", "image"), mine, share, "px", root, self._of.redundancy)
+        shares = np.array(share).reshape(-1, 2, 2)
+        return _table(("point", "image"), mine, shares, "px", root, self._of.redundancy)
 
     @cached_property
     def check(self) -> pd.DataFrame:
