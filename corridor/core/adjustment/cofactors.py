@@ -120,3 +120,13 @@ def of_control(covariance: Covariance) -> np.ndarray:
     between = root[:, None] @ between @ root.transpose(0, 2, 1)
     out = np.eye(3 * c) - between.transpose(0, 2, 1, 3).reshape(3 * c, 3 * c)
     return (out + out.T) / 2.0
+
+
+def with_control(covariance: Covariance) -> np.ndarray:
+    """Covariances (3 c, q) of what control sees with the shared unknowns, in its own standard
+    deviations."""
+    p, points = covariance.system.problem, covariance.control.points
+    c, first = len(points), p.image_count * p.d
+    root = np.sqrt(p.control_weight[:c])[:, :, None] * p.control_turn[:c]
+    parts = [known[first : first + p.shared_count] for _, known in covariance.with_control()]
+    return (root @ np.concatenate(parts, axis=1).T.reshape(c, 3, -1)).reshape(3 * c, -1)

@@ -7,6 +7,7 @@ thousand is accused.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,14 @@ import pandas as pd
 from scipy.linalg import block_diag
 from scipy.special import betainc, chdtrc, ndtri, stdtrit
 
-from corridor.core.adjustment.cofactors import OfPoint, of_antennas, of_control, of_points
+from corridor.core.adjustment.cofactors import (
+    OfPoint,
+    of_antennas,
+    of_control,
+    of_points,
+    with_control,
+)
+from corridor.core.adjustment.distances import ends_named, tested
 from corridor.core.adjustment.external_reliability import moves
 from corridor.core.adjustment.problem import POSE_KINDS
 from corridor.core.adjustment.snooping import LEAST_SHOWN_SHARE, Blunder, blunders, with_scale
@@ -186,17 +194,41 @@ class Reliability:
         All coordinates are tested together, pairs that hide each other too; a set in which nothing
         is wrong gets a name with a probability of 1 %. See `corridor.core.adjustment.snooping`.
         """
-        residuals = self._of.residuals["control"]
+        table = self._wrong(slice(0, 3 * len(self._of.residuals["control"])))
+        parts = [name.rsplit(" ", 1) for name in table.pop("name")]
+        table = table.drop(columns="number")
+        table.insert(0, "point", [point for point, _ in parts])
+        table.insert(1, "axis", [axis for _, axis in parts])
+        return with_units(table, {"m": "error sigma"})
+
+    @cached_property
+    def wrong_distances(self) -> pd.DataFrame:
+        """Distances that are wrong: from, to, and the columns of `wrong_control`, with which they
+        are tested together: what a wrong bar pushes aside is not accused."""
+        first, p = 3 * len(self._of.residuals["control"]), self._of.problem
+        table = self._wrong(slice(first, None))
+        named = ends_named(p).iloc[table.pop("number") - first].reset_index(drop=True)
+        return with_units(named.join(table.drop(columns="name")), {"m": "error sigma"})
+
+    def _wrong(self, some: slice) -> pd.DataFrame:
+        """Those of the control and the distances that are wrong, some of both."""
+        sigma, names = self._tested_sigmas
+        rows = [
+            (one.number, names[one.number], sigma[one.number] * one.error,
+             sigma[one.number] * one.sigma, one.w, ", ".join(names[k] for k in one.rivals))
+            for one in self._blunders
+            if one.number in range(len(names))[some]
+        ]  # fmt: skip
+        return pd.DataFrame(rows, columns=["number", "name", "error", "sigma", "w", "or_else"])
+
+    @cached_property
+    def _tested_sigmas(self) -> tuple[np.ndarray, list[str]]:
+        """Standard deviations and names of the coordinates of control and of the distances."""
+        p, residuals = self._of.problem, self._of.residuals["control"]
         sigma = values_of(residuals, "sx", "sy", "sz").ravel()
         names = [f"{name} {axis}" for name in residuals["point"] for axis in "xyz"]
-        rows = []
-        for one in self._blunders:
-            point, axis = names[one.number].rsplit(" ", 1)
-            size = sigma[one.number]
-            others = ", ".join(names[k] for k in one.rivals)
-            rows.append((point, axis, size * one.error, size * one.sigma, one.w, others))
-        columns = ["point", "axis", "error", "sigma", "w", "or_else"]
-        return with_units(pd.DataFrame(rows, columns=columns), {"m": "error sigma"})
+        names += [" to ".join(pair) for pair in ends_named(p).astype(str).itertuples(index=False)]
+        return np.concatenate([sigma, p.distance_weight**-0.5]), names
 
     @cached_property
     def control_cofactors(self) -> np.ndarray:
@@ -206,19 +238,41 @@ class Reliability:
 
     @cached_property
     def _blunders(self) -> list[Blunder]:
-        residuals = self._of.residuals["control"]
+        """Of the coordinates of control, and of the distances behind them: all tested together."""
+        residuals, covariance = self._of.residuals["control"], self._of.covariance
         if len(residuals) < 2:
-            return []
+            residuals = residuals.iloc[:0]
         v = values_of(residuals, "vx", "vy", "vz")
         sigma = values_of(residuals, "sx", "sy", "sz")
         root = self._root("control")
         white = (v / sigma if root is None else turned(root, v)).ravel()
-        white, share = with_scale(white, self.control_cofactors, max(self.image_scale, 1.0))
-        if root is None:
-            return blunders(white, share)
-        # An error of a coordinate shows in all three that are independent.
-        errors = block_diag(*(root * sigma[:, None, :]))
-        return blunders(errors.T @ white, np.asarray(errors.T @ share @ errors))
+        of_bars, rows, share = tested(self._of.problem, self._of.state, covariance)
+        # Of a control point alone nothing is said.
+        control = self.control_cofactors if len(residuals) else np.zeros((0, 0))
+        whole = block_diag(control, share)
+        if len(control) and len(share):
+            between = -with_control(covariance) @ rows.T
+            whole[: len(control), len(control) :] = between
+            whole[len(control) :, : len(control)] = between.T
+        most = np.count_nonzero(np.diag(control) > LEAST_SHOWN_SHARE) // 3
+        # Fewer wrong distances than half of those that others show have no other explanation.
+        most += round(float(np.trace(share))) // 2
+        white = np.concatenate([white, of_bars])
+        white, whole = with_scale(white, whole, max(self.image_scale, 1.0))
+        if root is not None:
+            # An error of a coordinate shows in all three that are independent.
+            errors = block_diag(*(root * sigma[:, None, :]), np.eye(len(share)))
+            white, whole = errors.T @ white, np.asarray(errors.T @ whole @ errors)
+        found = blunders(white, whole, least=1 if len(share) else 2, most=most)
+        alone = len(self._of.residuals["control"]) - len(residuals)
+        return [
+            replace(
+                one,
+                number=one.number + 3 * alone,
+                rivals=tuple(k + 3 * alone for k in one.rivals),
+            )
+            for one in found
+        ]
 
     def _root(self, kind: str) -> np.ndarray | None:
         """What makes residuals of `control` or `gnss` independent, with sigma 1 (k, 3, 3); None
@@ -336,14 +390,14 @@ def _table(
         "external": np.where(shown, DELTA * np.sqrt(known - seen) / size, np.inf),
         "predicted": turned(back, left_out),
         "s_predicted": np.sqrt(np.einsum("nij,njk,nik->ni", back, inverse, back)),
-        "p": np.broadcast_to(_chance(k, test, redundancy)[:, None], r.shape),
+        "p": np.broadcast_to(chance(k, test, redundancy)[:, None], r.shape),
     }
     out["axis"] = np.tile(axes, len(residuals))
     out |= {name: values.ravel() for name, values in numbers.items()}
     return with_units(pd.DataFrame(out), {unit: "least_error predicted s_predicted"})
 
 
-def _chance(k: int, test: np.ndarray, redundancy: float | None) -> np.ndarray:
+def chance(k: int, test: np.ndarray, redundancy: float | None) -> np.ndarray:
     """Probability of squares (n,) of k axes, or of more; arguments as of `_table`."""
     if redundancy is None or redundancy <= k:
         return chdtrc(k, test)
