@@ -128,7 +128,7 @@ class Covariance:
     def _of_control(self) -> np.ndarray | None:
         """Covariances (n, 3 c) of the unknowns with what control sees; None where that is long."""
         rows = self.control.rows
-        whole = rows.shape[0] * rows.shape[1] <= _MOST_KEPT
+        whole = 0 < rows.shape[0] * rows.shape[1] <= _MOST_KEPT
         return self.solve(rows.T.toarray()) if whole else None
 
     def with_control(self) -> Iterator[tuple[slice, np.ndarray]]:
