@@ -44,6 +44,7 @@ from corridor.core.adjustment.precompiling import precompiled_aside
 from corridor.core.adjustment.problem import make_problem
 from corridor.core.adjustment.readjusting import gnss_of_metres
 from corridor.core.adjustment.regression import PointRegression, point_regression
+from corridor.core.adjustment.reliability import ALPHA, critical
 from corridor.core.adjustment.result import Adjustment, not_converged
 from corridor.core.adjustment.snooping import Blunder, blunders
 from corridor.core.adjustment.solving import solve

@@ -14,14 +14,11 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
 
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.design import Design
 from corridor.core.adjustment.measured_poses import pose_rows
 
-# Sums that are solved for together: a hundred columns as long as the unknowns.
-_TOGETHER = 96
 # Random signs for redundancies: of a hundred numbers the sum is known to 2 %.
 _SIGNS = 64
 
@@ -68,16 +65,11 @@ def shares_of_antennas(covariance: Covariance) -> np.ndarray:
 class OfPoint(NamedTuple):
     """Residuals of one point: of its n rays x, y and, of control, of its three coordinates.
 
-    point: its number. share: R of these residuals (2 n, 2 n) or (2 n + 3, 2 n + 3). columns (u,):
-    unknowns that they look at; rows (3, u): what the residuals of control see of errors of these,
-    `left` (3, 3): what is left of errors of control where all unknowns but the point are known.
+    point: its number. share: R of these residuals (2 n, 2 n) or (2 n + 3, 2 n + 3).
     """
 
     point: int
     share: np.ndarray
-    columns: np.ndarray
-    rows: np.ndarray
-    left: np.ndarray
 
 
 def of_points(covariance: Covariance, points: Sequence[int]) -> Iterator[OfPoint]:
@@ -112,24 +104,29 @@ def of_points(covariance: Covariance, points: Sequence[int]) -> Iterator[OfPoint
         poses = covariance.of_images(names) if poses is None else poses
         known = np.block([[poses, between], [between.T, covariance.shared]])
         share = left - seen @ known @ seen.T
-        yield OfPoint(point, share, columns, seen[2 * n :], left[2 * n :, 2 * n :])
+        yield OfPoint(point, share)
 
 
-def of_control(covariance: Covariance, found: Sequence[OfPoint]) -> np.ndarray:
+def of_control(covariance: Covariance) -> np.ndarray:
     """R (3 c, 3 c) of the residuals of c control points together."""
-    c, n = len(found), len(covariance.system.columns)
-    out = np.zeros((3 * c, 3 * c))
-    row, column, value = [], [], []
-    for k, one in enumerate(found):
-        out[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] = one.left
-        row.append(np.repeat(3 * k + np.arange(3), len(one.columns)))
-        column.append(np.tile(one.columns, 3))
-        value.append(one.rows.ravel())
-    if not c:
-        return out
-    at = (np.concatenate(row), np.concatenate(column))
-    rows = csr_array((np.concatenate(value), at), shape=(3 * c, n))
-    for first in range(0, 3 * c, _TOGETHER):
-        some = rows[first : first + _TOGETHER].toarray().T
-        out[:, first : first + some.shape[1]] -= rows @ covariance.solve(some)
+    p, (points, own, rows) = covariance.system.problem, covariance.control
+    c = len(points)
+    root = np.sqrt(p.control_weight[:c])[:, :, None] * p.control_turn[:c]
+    seen = np.zeros((3 * c, 3 * c))
+    for some, known in covariance.with_control():
+        seen[:, some] = rows @ known
+    between = seen.reshape(c, 3, c, 3).transpose(0, 2, 1, 3)
+    between[np.arange(c), np.arange(c)] += own
+    between = root[:, None] @ between @ root.transpose(0, 2, 1)
+    out = np.eye(3 * c) - between.transpose(0, 2, 1, 3).reshape(3 * c, 3 * c)
     return (out + out.T) / 2.0
+
+
+def with_control(covariance: Covariance) -> np.ndarray:
+    """Covariances (3 c, q) of what control sees with the shared unknowns, in its own standard
+    deviations."""
+    p, points = covariance.system.problem, covariance.control.points
+    c, first = len(points), p.image_count * p.d
+    root = np.sqrt(p.control_weight[:c])[:, :, None] * p.control_turn[:c]
+    parts = [known[first : first + p.shared_count] for _, known in covariance.with_control()]
+    return (root @ np.concatenate(parts, axis=1).T.reshape(c, 3, -1)).reshape(3 * c, -1)

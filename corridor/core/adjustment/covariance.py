@@ -6,22 +6,39 @@ every point.
 Source: Triggs et al. 2000, section 9 (free networks: S-transformation).
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag
+from scipy.sparse import block_diag as sparse_diag
+from scipy.sparse import csr_array
 
 from corridor.core.adjustment.datum import centred
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.normal import Normal
+from corridor.core.adjustment.regression import point_regression
 from corridor.core.adjustment.rigs import Exposures
 from corridor.core.engine.scene import Asked, Inverse, Storage
 from corridor.core.engine.threads import one_thread
 
 # Points that are asked one by one, of a large network one in so many: each takes as long.
 FEW, SHARE = 64, 50
+# Coordinates of control that are solved for together, and numbers that are kept of it.
+_TOGETHER, _MOST_KEPT = 48, 2**24
 _NOTHING = Storage(np.zeros(0), 0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
+
+
+class ControlSight(NamedTuple):
+    """What the residuals of c control points, x, y, z in the world, see of the unknowns.
+
+    points (c,): their numbers. own (c, 3, 3): V^-1, m^2, of each at given poses. rows (3 c, n).
+    """
+
+    points: np.ndarray
+    own: np.ndarray
+    rows: csr_array
 
 
 class Covariance:
@@ -95,6 +112,34 @@ class Covariance:
         g, a = self._open, self._part
         return x + g @ (self._inner @ (g.T @ sums)) - g @ (a.T @ sums) - a @ (g.T @ sums)
 
+    @cached_property
+    def control(self) -> ControlSight:
+        """The ground control as the equations see it, its points eliminated."""
+        p = self.system.problem
+        points = np.flatnonzero((p.control >= 0) & (p.control < len(p.control_rows)))
+        points = points[np.argsort(p.control[points])]
+        regression = point_regression(self.system, points)
+        rows = self.system.control.jacobian[: 3 * len(points)]
+        if len(points):
+            rows = sparse_diag(list(np.linalg.inv(p.control_turn[: len(points)]))) @ rows
+        return ControlSight(points, regression.own, csr_array(rows - regression.gain.T))
+
+    @cached_property
+    def _of_control(self) -> np.ndarray | None:
+        """Covariances (n, 3 c) of the unknowns with what control sees; None where that is long."""
+        rows = self.control.rows
+        whole = 0 < rows.shape[0] * rows.shape[1] <= _MOST_KEPT
+        return self.solve(rows.T.toarray()) if whole else None
+
+    def with_control(self) -> Iterator[tuple[slice, np.ndarray]]:
+        """Some coordinates of control after others, of whole points: which, and covariances
+        (n, some) of the unknowns with what these see."""
+        rows = self.control.rows
+        for first in range(0, rows.shape[0], _TOGETHER):
+            some = slice(first, min(first + _TOGETHER, rows.shape[0]))
+            kept = self._of_control
+            yield some, self.solve(rows[some].T.toarray()) if kept is None else kept[:, some]
+
     def poses(self, images: np.ndarray) -> np.ndarray:
         """Of some images together (k * d, k * d), k positions in the problem's order."""
         p = self.system.problem
@@ -107,6 +152,7 @@ class Covariance:
     @cached_property
     def _near(self) -> Storage:
         """Entries between exposures that share a point, in the storage of the equations."""
+        _ = self._of_control  # While the factor is there.
         with one_thread():
             left, right = self._low_rank()
             # In place of the factor, which is as large: who asks for that has it made anew.

@@ -253,11 +253,11 @@ def table_of(p: Problem, state: State, covariance: Covariance, sigma0: float) ->
     """
     from corridor.core.adjustment.reliability import DELTA
 
-    residual, whole = _tested(p, state, covariance)
+    residual, _, whole = tested(p, state, covariance)
     share = np.diag(whole)
     root = np.sqrt(np.where(share > 0.0, share, np.nan))
     sigma = p.distance_weight**-0.5
-    frame = _named(p)
+    frame = ends_named(p)
     frame["given"], frame["sigma"], frame["v"] = p.distance_given, sigma, sigma * residual
     frame["s_adjusted"] = sigma0 * sigma * np.sqrt(1.0 - share)
     frame["redundancy"] = share
@@ -266,39 +266,25 @@ def table_of(p: Problem, state: State, covariance: Covariance, sigma0: float) ->
     return with_units(frame, {"m": "given sigma v s_adjusted least_error"})
 
 
-def wrong_of(p: Problem, state: State, covariance: Covariance, sigma0: float) -> pd.DataFrame:
-    """Distances that all others contradict: from, to, error and sigma (given minus true, m), w, and
-    `or_else`, others that explain the same as well. Tested as control is, all together."""
-    from corridor.core.adjustment.snooping import blunders, with_scale
-
-    tested = with_scale(*_tested(p, state, covariance), max(sigma0, 1.0))
-    found = blunders(*tested, least=1)
-    sigma, named = p.distance_weight**-0.5, _named(p)
-    names = [" to ".join(pair) for pair in zip(named["from"], named["to"], strict=True)]
-    frame = named.iloc[[one.number for one in found]].reset_index(drop=True)
-    frame["error"] = [sigma[one.number] * one.error for one in found]
-    frame["sigma"] = [sigma[one.number] * one.sigma for one in found]
-    frame["w"] = [one.w for one in found]
-    frame["or_else"] = [", ".join(names[k] for k in one.rivals) for one in found]
-    return with_units(frame, {"m": "error sigma"})
-
-
-def _named(p: Problem) -> pd.DataFrame:
+def ends_named(p: Problem) -> pd.DataFrame:
     """The ends of each distance."""
     return p.block.distances.iloc[p.distance_rows][["from", "to"]].reset_index(drop=True)
 
 
-def _tested(p: Problem, state: State, covariance: Covariance) -> tuple[np.ndarray, np.ndarray]:
-    """Residuals (k,) of the distances and their cofactors (k, k), in their standard deviations;
-    zero of those that nothing else shows."""
+def tested(
+    p: Problem, state: State, covariance: Covariance
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Residuals (k,) of the distances, what they see of the shared unknowns (k, q) and their
+    cofactors (k, k), in their standard deviations; zero of those that nothing else shows."""
     from corridor.core.adjustment.reliability import LEAST_SHOWN_SHARE
 
     root = np.sqrt(p.distance_weight)
-    if not len(root):
-        return root, np.zeros((0, 0))
-    residual, by, columns = distance_rows(p, state)
     rows = np.zeros((len(root), len(covariance.shared)))
+    if not len(root):
+        return root, rows, np.zeros((0, 0))
+    residual, by, columns = distance_rows(p, state)
     np.add.at(rows, (np.arange(len(root))[:, None], columns), root[:, None] * by)
     share = np.eye(len(root)) - rows @ covariance.shared @ rows.T
     shown = np.diag(share) > max(LEAST_SHOWN_SHARE, 10.0 / TIGHT)
-    return root * residual, np.where(shown[:, None] & shown, share, 0.0)
+    rows[~shown] = 0.0
+    return root * residual, rows, np.where(shown[:, None] & shown, share, 0.0)

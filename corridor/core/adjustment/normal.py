@@ -175,7 +175,7 @@ class Normal:
         if c:
             names = p.block.ground["point"].to_numpy(dtype=object)[p.control_rows]
             rows = np.flatnonzero((p.control >= 0) & (p.control < c))
-            modelled = np.empty((c, 3))
+            modelled = p.control_given[:c].copy()
             modelled[p.control[rows]] = state.points[rows]
             ground = Context(images, point=list(names), position=modelled)
             moved, d_ground = p.stack.evaluate("ground", ground, state.effects)
@@ -273,8 +273,9 @@ class Normal:
         seen = modelled.pixel[rows]
         position = self._seen_points(view, first, last)
         return Context(
-            view.images, p.img[rows], pixel=seen[:, :2], ray=seen[:, 2:], position=position
-        )
+            view.images, p.img[rows], pixel=seen[:, :2], ray=seen[:, 2:], position=position,
+            measured=p.xy[rows],
+        )  # fmt: skip
 
     def _seen_points(self, view: View, first: int, last: int) -> np.ndarray | None:
         """Object point (n, 3) of each observation of points first..last, where effects see it."""
@@ -301,7 +302,9 @@ class Normal:
             pixel, ray = seen[:, :2].copy(), seen[:, 2:].copy()
             pixel[:, axis] += 1.0
             ray[:, axis] += step
-            look = Context(view.images, image, pixel=pixel, ray=ray, position=position)
+            look = Context(
+                view.images, image, pixel=pixel, ray=ray, position=position, measured=p.xy[rows]
+            )
             # At infinity, beside its camera, an observation has no slope; it counts as behind.
             with np.errstate(invalid="ignore"):
                 by[:, :, axis] = p.stack.shift("image", look, view.state.effects) - shift
@@ -327,7 +330,7 @@ class Normal:
                     point = point + unit
                 look = Context(
                     images.with_poses(centre, rotation), image,
-                    pixel=seen[:, :2], ray=seen[:, 2:], position=point,
+                    pixel=seen[:, :2], ray=seen[:, 2:], position=point, measured=p.xy[rows],
                 )  # fmt: skip
                 shift = p.stack.shift("image", look, view.state.effects)
                 total = total + np.sign(sign) * shift

@@ -273,6 +273,24 @@ def _idle(
     return np.array(idle, dtype=np.int64).reshape(-1, 2)
 
 
+def problem_of_points(problem: Problem, points: np.ndarray) -> Problem:
+    """The same images with the rays of some points (k,) alone, in that order."""
+    p, length = problem, np.diff(problem.ptr)[points]
+    ptr = np.concatenate([[0], np.cumsum(length)])
+    rays = np.repeat(p.ptr[points] - ptr[:-1], length) + np.arange(ptr[-1])
+    return replace(
+        p,
+        ptr=ptr.astype(p.ptr.dtype),
+        **{name: getattr(p, name)[rays] for name in ("img", "xy", "row")},
+        weight=p.weight[rays] if len(p.weight) == len(p.img) else p.weight,
+        skewed=p.skewed[rays] if len(p.skewed) else p.skewed,
+        **{
+            name: getattr(p, name)[points]
+            for name in ("point_codes", "point_kinds", "point_start", "control")
+        },
+    )
+
+
 def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
     """The same measurements with columns for effects that are tested, but for those of the antenna.
 

@@ -8,13 +8,14 @@ so any linear function of points has an exact variance, at the price of one solu
 Source: Triggs et al. 2000, section 6 (elimination of the points).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse import bsr_array, csc_array, csr_array, hstack
 
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.normal import CHUNK, Normal, View
+from corridor.core.adjustment.problem import Problem, problem_of_points
 
 
 @dataclass(frozen=True)
@@ -32,43 +33,34 @@ def point_regression(system: LinearSystem, points: np.ndarray) -> PointRegressio
     """V^-1 and K of some points (k,), positions among `system.points`, each at most once."""
     p = system.problem
     points = np.asarray(points, dtype=np.int64)
-    normal = Normal(p, system.loss, storage=system.storage)
-    view, modelled = normal.view(system.state), normal.modelled_at(system.state)
-    number = np.full(len(p.ptr) - 1, -1)
-    number[points] = np.arange(len(points))
+    few = problem_of_points(p, points)
+    state = replace(system.state, points=system.state.points[points])
+    normal = Normal(few, system.loss, storage=system.storage)
+    view, modelled = normal.view(state), normal.modelled_at(state)
     # Of points that are not control, the last.
     weight = np.concatenate([normal.control_weight[0], np.zeros((1, 6))])
-    inverse = np.zeros((len(points), 3, 3))
-    start = np.concatenate([[0], np.cumsum(np.diff(p.ptr)[points])])
-    own = np.zeros((start[-1], 3, p.d))
-    shared = np.zeros((len(points), 3, p.shared_count))
     ground = np.concatenate([_of_control(normal, view), np.zeros((1, 3, p.wide))])
-    for first, last in normal.chunks(0, len(p.ptr) - 1, CHUNK):
-        wanted = np.flatnonzero(number[first:last] >= 0)
-        if not len(wanted):
-            continue
+    inverse = np.zeros((len(points), 3, 3))
+    own = np.zeros((len(few.img), 3, p.d))
+    shared = np.zeros((len(points), 3, p.shared_count))
+    for first, last in normal.chunks(0, len(points), CHUNK):
         scene = normal.scene(view, modelled, first, last)
-        control = p.control[first:last]
+        control = few.control[first:last]
         rays = normal.engine.rows(scene, control, weight[control])
         root = np.zeros((last - first, 3, 3))
         root[:, *np.tril_indices(3)] = rays.root
-        whole = root.transpose(0, 2, 1) @ root
-        inverse[number[first + wanted]] = whole[wanted]
+        whole = inverse[first:last] = root.transpose(0, 2, 1) @ root
         # V^-1 P' and K', ray by ray: `einsum` takes three times as long over small products.
-        count = np.where(number[first:last] >= 0, np.diff(rays.start), 0)
-        of_ray = np.repeat(np.arange(last - first), count)
-        begins = np.concatenate([[0], np.cumsum(count)])
-        within = np.arange(len(of_ray)) - begins[of_ray]
-        some = rays.start[of_ray] + within
-        back = whole[of_ray] @ _pairs(rays.point)[some].transpose(0, 2, 1)
-        own[start[number[first + of_ray]] + within] = back @ _pairs(rays.own)[some]
+        of_ray = np.repeat(np.arange(last - first), np.diff(rays.start))
+        back = whole[of_ray] @ _pairs(rays.point).transpose(0, 2, 1)
+        own[few.ptr[first] : few.ptr[last]] = back @ _pairs(rays.own)
         if p.shared_count:
-            by = back @ _pairs(rays.shared)[some]
-            add = csr_array((np.ones(len(by)), np.arange(len(by)), begins))
+            by = back @ _pairs(rays.shared)
+            add = csr_array((np.ones(len(by)), np.arange(len(by)), rays.start))
             total = (add @ by.reshape(len(by), -1)).reshape(last - first, 3, -1)
             total += whole @ ground[control]
-            shared[number[first + wanted]] = total[wanted, :, : p.shared_count]
-    return PointRegression(points, inverse, _matrix(system, points, own, start, shared))
+            shared[first:last] = total[..., : p.shared_count]
+    return PointRegression(points, inverse, _matrix(system, few, own, shared))
 
 
 def _of_control(normal: Normal, view: View) -> np.ndarray:
@@ -87,12 +79,10 @@ def _pairs(rows: np.ndarray) -> np.ndarray:
     return rows.reshape(-1, 2, rows.shape[1])
 
 
-def _matrix(system: LinearSystem, points, own, start, shared) -> csc_array:
-    p = system.problem
-    length, count = np.diff(p.ptr)[points], len(points)
-    rays = np.repeat(p.ptr[points] - start[:-1], length) + np.arange(length.sum())
-    blocks = (own, p.img[rays], start)
+def _matrix(system: LinearSystem, few: Problem, own: np.ndarray, shared: np.ndarray) -> csc_array:
+    p, count = system.problem, len(shared)
+    blocks = (own, few.img, few.ptr)
     of_images = bsr_array(blocks, shape=(3 * count, p.image_count * p.d), blocksize=(3, p.d))
     beside = csr_array((3 * count, len(system.columns) - p.image_count * p.d - p.shared_count))
-    parts = [of_images.tocsr(), csr_array(shared.reshape(3 * count, -1)), beside]
+    parts = [of_images.tocsr(), csr_array(shared.reshape(3 * count, p.shared_count)), beside]
     return csc_array(hstack(parts, format="csr").T)

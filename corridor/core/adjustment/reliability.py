@@ -1,20 +1,29 @@
 """What could have hidden: redundancy, tests, least errors that show, and predictions.
 
-Source: Baarda 1968 (inner and external reliability); Förstner 1980; Gruen 1980. Probabilities are
-those of Baarda: an error is found with 80 % where one good measurement in a thousand is accused.
+Source: Baarda 1968 (inner and external reliability); Förstner 1980; Gruen 1980; Pope 1976 (tau).
+Probabilities are those of Baarda: an error is found with 80 % where one good measurement in a
+thousand is accused.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 from scipy.linalg import block_diag
-from scipy.special import chdtrc, ndtri
+from scipy.special import betainc, chdtrc, ndtri, stdtrit
 
-from corridor.core.adjustment.cofactors import OfPoint, of_antennas, of_control, of_points
+from corridor.core.adjustment.cofactors import (
+    OfPoint,
+    of_antennas,
+    of_control,
+    of_points,
+    with_control,
+)
+from corridor.core.adjustment.distances import ends_named, tested
 from corridor.core.adjustment.external_reliability import moves
 from corridor.core.adjustment.problem import POSE_KINDS
 from corridor.core.adjustment.snooping import LEAST_SHOWN_SHARE, Blunder, blunders, with_scale
@@ -27,8 +36,24 @@ if TYPE_CHECKING:
 # Rays up to which reports tell what needs a matrix of all of them (500 MB).
 _MOST_RAYS = 2_000_000
 ALPHA, BETA = 1e-3, 0.2
+# In so many sets of good measurements the largest w of a kind is beyond the critical value.
+OF_ALL = 0.05
 # Non-centrality of a test of that size and power, in sigmas: 4.13.
 DELTA = float(-ndtri(ALPHA / 2) - ndtri(BETA))
+
+
+def critical(alpha: float, redundancy: float | None = None) -> float:
+    """What |w| of a good measurement exceeds with a probability of alpha.
+
+    redundancy f: with which sigma naught is estimated from the same residuals, None where it is
+    given. Then w follows Pope's tau, t sqrt(f) / sqrt(f - 1 + t^2) with Student's t of f - 1.
+    """
+    if redundancy is None:
+        return float(-ndtri(alpha / 2))
+    if redundancy <= 1:
+        return float(np.sqrt(max(redundancy, 0)))  # Of one redundancy w is always 1.
+    t = -stdtrit(redundancy - 1, alpha / 2)
+    return float(t * np.sqrt(redundancy / (redundancy - 1 + t * t)))
 
 
 class Reliability:
@@ -96,7 +121,8 @@ class Reliability:
             mine[["sx", "sy"]] = np.sqrt(
                 np.einsum("nij,nij->ni", np.linalg.inv(root), np.linalg.inv(root))
             )
-        return _table(("point", "image"), mine, np.array(share).reshape(-1, 2, 2), "px", root)
+        shares = np.array(share).reshape(-1, 2, 2)
+        return _table(("point", "image"), mine, shares, "px", root, self._of.redundancy)
 
     @cached_property
     def check(self) -> pd.DataFrame:
@@ -112,7 +138,8 @@ class Reliability:
     @cached_property
     def summary(self) -> pd.DataFrame:
         """A row for each kind: count of numbers, redundancy together, its mean and least,
-        largest w, and the median and largest least error."""
+        largest w and its critical value (exceeded by the largest of a kind in one of twenty good
+        sets), and the median and largest least error."""
         rows: dict[str, tuple] = {}
         taken = 0.0
         tables = (
@@ -125,17 +152,19 @@ class Reliability:
                 continue
             share = table["redundancy"]
             taken += share.sum()
-            error = table["least_error"]
+            error, scaled = table["least_error"], self._of.redundancy if kind == "mark" else None
             rows[kind] = (len(table), share.sum(), share.mean(), share.min(),
-                          table["w"].abs().max(), error.median(), error.max(), unit)  # fmt: skip
+                          table["w"].abs().max(), critical(OF_ALL / len(table), scaled),
+                          error.median(), error.max(), unit)  # fmt: skip
         p = self._of.problem
         ties = 2 * int(np.count_nonzero(p.row < p.tie_count))
         if ties:
             # What is left; of priors each takes at most one.
             left = self._of.redundancy - taken
-            rows["tie"] = (ties, left, left / ties, *[np.nan] * 4, "px")
-        columns = ["count", "redundancy", "mean", "least", "largest_w", "median_least_error",
-                   "largest_least_error", "unit"]  # fmt: skip
+            most = critical(OF_ALL / ties, self._of.redundancy)
+            rows["tie"] = (ties, left, left / ties, np.nan, np.nan, most, np.nan, np.nan, "px")
+        columns = ["count", "redundancy", "mean", "least", "largest_w", "critical_w",
+                   "median_least_error", "largest_least_error", "unit"]  # fmt: skip
         return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("kind")
 
     @property
@@ -150,7 +179,7 @@ class Reliability:
         height: the largest move of any point in these; m."""
         control = self.control
         errors = control["least_error"].to_numpy(float)
-        found = moves(self._of.covariance, np.array(self._control_points, np.int64), errors)
+        found = moves(self._of.covariance, errors)
         kept = pd.DataFrame(control[["point", "axis", "least_error"]])
         whole = pd.concat([kept, pd.DataFrame(found)], axis=1)
         return with_units(whole, {"m": "least_error x y z moved plan height"})
@@ -165,39 +194,85 @@ class Reliability:
         All coordinates are tested together, pairs that hide each other too; a set in which nothing
         is wrong gets a name with a probability of 1 %. See `corridor.core.adjustment.snooping`.
         """
-        residuals = self._of.residuals["control"]
+        table = self._wrong(slice(0, 3 * len(self._of.residuals["control"])))
+        parts = [name.rsplit(" ", 1) for name in table.pop("name")]
+        table = table.drop(columns="number")
+        table.insert(0, "point", [point for point, _ in parts])
+        table.insert(1, "axis", [axis for _, axis in parts])
+        return with_units(table, {"m": "error sigma"})
+
+    @cached_property
+    def wrong_distances(self) -> pd.DataFrame:
+        """Distances that are wrong: from, to, and the columns of `wrong_control`, with which they
+        are tested together: what a wrong bar pushes aside is not accused."""
+        first, p = 3 * len(self._of.residuals["control"]), self._of.problem
+        table = self._wrong(slice(first, None))
+        named = ends_named(p).iloc[table.pop("number") - first].reset_index(drop=True)
+        return with_units(named.join(table.drop(columns="name")), {"m": "error sigma"})
+
+    def _wrong(self, some: slice) -> pd.DataFrame:
+        """Those of the control and the distances that are wrong, some of both."""
+        sigma, names = self._tested_sigmas
+        rows = [
+            (one.number, names[one.number], sigma[one.number] * one.error,
+             sigma[one.number] * one.sigma, one.w, ", ".join(names[k] for k in one.rivals))
+            for one in self._blunders
+            if one.number in range(len(names))[some]
+        ]  # fmt: skip
+        return pd.DataFrame(rows, columns=["number", "name", "error", "sigma", "w", "or_else"])
+
+    @cached_property
+    def _tested_sigmas(self) -> tuple[np.ndarray, list[str]]:
+        """Standard deviations and names of the coordinates of control and of the distances."""
+        p, residuals = self._of.problem, self._of.residuals["control"]
         sigma = values_of(residuals, "sx", "sy", "sz").ravel()
         names = [f"{name} {axis}" for name in residuals["point"] for axis in "xyz"]
-        rows = []
-        for one in self._blunders:
-            point, axis = names[one.number].rsplit(" ", 1)
-            size = sigma[one.number]
-            others = ", ".join(names[k] for k in one.rivals)
-            rows.append((point, axis, size * one.error, size * one.sigma, one.w, others))
-        columns = ["point", "axis", "error", "sigma", "w", "or_else"]
-        return with_units(pd.DataFrame(rows, columns=columns), {"m": "error sigma"})
+        names += [" to ".join(pair) for pair in ends_named(p).astype(str).itertuples(index=False)]
+        return np.concatenate([sigma, p.distance_weight**-0.5]), names
 
     @cached_property
     def control_cofactors(self) -> np.ndarray:
         """Cofactors (3 c, 3 c) of the residuals of control, x, y, z of each point, in units of its
         standard deviations."""
-        return of_control(self._of.covariance, [self._points[k] for k in self._control_points])
+        return of_control(self._of.covariance)
 
     @cached_property
     def _blunders(self) -> list[Blunder]:
-        residuals = self._of.residuals["control"]
+        """Of the coordinates of control, and of the distances behind them: all tested together."""
+        residuals, covariance = self._of.residuals["control"], self._of.covariance
         if len(residuals) < 2:
-            return []
+            residuals = residuals.iloc[:0]
         v = values_of(residuals, "vx", "vy", "vz")
         sigma = values_of(residuals, "sx", "sy", "sz")
         root = self._root("control")
         white = (v / sigma if root is None else turned(root, v)).ravel()
-        white, share = with_scale(white, self.control_cofactors, max(self.image_scale, 1.0))
-        if root is None:
-            return blunders(white, share)
-        # An error of a coordinate shows in all three that are independent.
-        errors = block_diag(*(root * sigma[:, None, :]))
-        return blunders(errors.T @ white, np.asarray(errors.T @ share @ errors))
+        of_bars, rows, share = tested(self._of.problem, self._of.state, covariance)
+        # Of a control point alone nothing is said.
+        control = self.control_cofactors if len(residuals) else np.zeros((0, 0))
+        whole = block_diag(control, share)
+        if len(control) and len(share):
+            between = -with_control(covariance) @ rows.T
+            whole[: len(control), len(control) :] = between
+            whole[len(control) :, : len(control)] = between.T
+        most = np.count_nonzero(np.diag(control) > LEAST_SHOWN_SHARE) // 3
+        # Fewer wrong distances than half of those that others show have no other explanation.
+        most += round(float(np.trace(share))) // 2
+        white = np.concatenate([white, of_bars])
+        white, whole = with_scale(white, whole, max(self.image_scale, 1.0))
+        if root is not None:
+            # An error of a coordinate shows in all three that are independent.
+            errors = block_diag(*(root * sigma[:, None, :]), np.eye(len(share)))
+            white, whole = errors.T @ white, np.asarray(errors.T @ whole @ errors)
+        found = blunders(white, whole, least=1 if len(share) else 2, most=most)
+        alone = len(self._of.residuals["control"]) - len(residuals)
+        return [
+            replace(
+                one,
+                number=one.number + 3 * alone,
+                rivals=tuple(k + 3 * alone for k in one.rivals),
+            )
+            for one in found
+        ]
 
     def _root(self, kind: str) -> np.ndarray | None:
         """What makes residuals of `control` or `gnss` independent, with sigma 1 (k, 3, 3); None
@@ -219,7 +294,8 @@ class Reliability:
     def _share(self, kind: str) -> np.ndarray:
         """Cofactors (k, 3, 3) of the residuals of each row of a kind, independent, of sigma 1."""
         if kind == "control":
-            found = [self._points[k].share[-3:, -3:] for k in self._control_points]
+            control = self._of.covariance.control.points.tolist()
+            found = [self._points[k].share[-3:, -3:] for k in control]
             return np.array(found).reshape(-1, 3, 3)
         return self._antennas[kind]
 
@@ -242,13 +318,6 @@ class Reliability:
         return dict(
             zip(marked.tolist(), of_points(self._of.covariance, marked.tolist()), strict=True)
         )
-
-    @property
-    def _control_points(self) -> list[int]:
-        """Number of the point of each control point."""
-        p = self._of.problem
-        rows = np.flatnonzero((p.control >= 0) & (p.control < len(p.control_rows)))
-        return rows[np.argsort(p.control[rows])].tolist()
 
     def to_dict(self) -> dict:
         """For adjustment.json: `summary`, `wrong_control`, and the tables of ground points."""
@@ -275,14 +344,20 @@ class Reliability:
 
 
 def _table(
-    key, residuals: pd.DataFrame, share: np.ndarray, unit: str, root: np.ndarray | None = None
+    key,
+    residuals: pd.DataFrame,
+    share: np.ndarray,
+    unit: str,
+    root: np.ndarray | None = None,
+    redundancy: float | None = None,
 ) -> pd.DataFrame:
     """The columns of `Reliability` from residuals v and sigmas s of some axes.
 
     share (n, k, k): R, cofactors of the residuals of each where all are independent, of sigma 1;
     root (n, k, k): G, which makes that of v; None: 1 / s. Of correlated axes, with P = G'G, an
     error e of one shows in the test w = (P v) / sqrt((G'RG)) (Koch 1999, section 4.2.3); the
-    redundancy is the diagonal of G^-1 R G, which need not lie between 0 and 1.
+    redundancy is the diagonal of G^-1 R G, which need not lie between 0 and 1. redundancy f: as of
+    `critical`; the square of k axes over f is a Beta of k / 2 and (f - k) / 2 then.
     """
     keys = (key,) if isinstance(key, str) else key
     k = share.shape[1]
@@ -315,8 +390,15 @@ def _table(
         "external": np.where(shown, DELTA * np.sqrt(known - seen) / size, np.inf),
         "predicted": turned(back, left_out),
         "s_predicted": np.sqrt(np.einsum("nij,njk,nik->ni", back, inverse, back)),
-        "p": np.broadcast_to(chdtrc(k, test)[:, None], r.shape),
+        "p": np.broadcast_to(chance(k, test, redundancy)[:, None], r.shape),
     }
     out["axis"] = np.tile(axes, len(residuals))
     out |= {name: values.ravel() for name, values in numbers.items()}
     return with_units(pd.DataFrame(out), {unit: "least_error predicted s_predicted"})
+
+
+def chance(k: int, test: np.ndarray, redundancy: float | None) -> np.ndarray:
+    """Probability of squares (n,) of k axes, or of more; arguments as of `_table`."""
+    if redundancy is None or redundancy <= k:
+        return chdtrc(k, test)
+    return betainc((redundancy - k) / 2, k / 2, np.clip(1.0 - test / redundancy, 0.0, 1.0))

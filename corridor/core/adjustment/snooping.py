@@ -40,12 +40,14 @@ class Blunder:
     rivals: tuple[int, ...]
 
 
-def blunders(v: np.ndarray, share: np.ndarray, least: int = 2) -> list[Blunder]:
+def blunders(
+    v: np.ndarray, share: np.ndarray, least: int = 2, most: int | None = None
+) -> list[Blunder]:
     """The measurements that are wrong, the most significant first.
 
     v (n,): residuals, share (n, n): their cofactors, in units of the stated standard deviations.
-    At most a third of the measurements are named: beyond, nobody knows who is right. least: of
-    fewer none is.
+    most: so many are named at the most, by default a third of the measurements, and always one:
+    beyond, nobody knows who is right. least: of fewer none is.
     """
     count = len(v)
     shown = np.diag(share) > LEAST_SHOWN_SHARE if count else np.zeros(0, bool)
@@ -55,11 +57,12 @@ def blunders(v: np.ndarray, share: np.ndarray, least: int = 2) -> list[Blunder]:
         return []
     one = chdtri(1, LEVEL / tried)
     two = chdtri(2, LEVEL / max(tried * (tried - 1) / 2, 1))
-    while len(chosen) < max(tried // 3, 1):
+    most = max(tried // 3 if most is None else most, 1)
+    while len(chosen) < most:
         left, free = _without(v, share, chosen)
         single = _singles(left, free)
         first = int(np.argmax(single))
-        if len(chosen) + 2 <= tried // 3:
+        if len(chosen) + 2 <= most:
             pair, gain = _best_pair(left, free)
             if gain > two and gain - single[first] > one:
                 chosen += pair

@@ -11,7 +11,7 @@ import pandas as pd
 from corridor.core.adjustment.blunders import exchanged_points, where_seen
 from corridor.core.adjustment.check_statistics import Checked
 from corridor.core.adjustment.covariance import Covariance
-from corridor.core.adjustment.distances import END, table_of, wrong_of
+from corridor.core.adjustment.distances import END, table_of
 from corridor.core.adjustment.linear_system import LinearSystem
 from corridor.core.adjustment.model import CAMERA, EFFECT, LEVER_ARM, ParameterId
 from corridor.core.adjustment.parameters import Found, Parameters
@@ -357,8 +357,8 @@ class Tables(Checked):
 
     @cached_property
     def wrong_distances(self) -> pd.DataFrame:
-        """Distances that all other measurements contradict; see `adjustment.distances.wrong_of`."""
-        return wrong_of(self.problem, self.state, self.covariance, self.sigma0)
+        """Distances that all others contradict; see `Reliability.wrong_distances`."""
+        return self.reliability.wrong_distances
 
     @cached_property
     def reliability(self) -> Reliability:

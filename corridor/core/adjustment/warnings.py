@@ -405,8 +405,8 @@ def _wrong_distances(a):
         names = [f"{one} to {two}" for one, two in zip(found["from"], found["to"], strict=True)]
         yield (
             f"Distances are wrong, given minus true: {_errors(names, found)}. All other "
-            "measurements contradict it (data snooping of all distances together, 1 % false "
-            "names): check the tape and the marks at both ends, and take the row out of "
+            "measurements contradict it (data snooping of distances and control together, 1 % "
+            "false names): check the tape and the marks at both ends, and take the row out of "
             "distances.csv if they do not explain it."
         )
 

@@ -172,6 +172,8 @@ class Context:
 
     image: (rows,) image of each row; None at the place `ground`.
     pixel, ray: (rows, 2) modelled image point, px, and normalised u, v (place image).
+    measured: (rows, 2) image point as measured, px, for models that go from the image to the ray;
+    where nothing is measured yet, as modelled (place image).
     row: (rows,) row fraction: -1/2 in the row that is read first, 1/2 in the last (places motion
     and image).
     point, position: names and given coordinates (rows, 3) of ground control (place ground).
@@ -191,12 +193,14 @@ class Context:
         position: np.ndarray | None = None,
         distance: np.ndarray | None = None,
         length: np.ndarray | None = None,
+        measured: np.ndarray | None = None,
     ):
         # Which of these there are depends on the place; an effect asks for those of its own.
         self.images, self.image = images, cast(np.ndarray, image)
         self.pixel, self.ray, self._row = cast(np.ndarray, pixel), cast(np.ndarray, ray), row
         self.point, self._position = cast(list[str], point), position
         self.distance, self.length = distance, cast(np.ndarray, length)
+        self.measured = self.pixel if measured is None else measured
 
     # Of the image of each row.
     size: np.ndarray = _of_image("size", "Width and height (rows, 2) of the picture, px.")

@@ -56,12 +56,15 @@ def gather(block: Block, values: Mapping, images: Images | None = None) -> tuple
     return stack, {slug: one.filled for slug, one in given.items()}
 
 
-def _predict(block: Block, images: Images, stack: Stack, values: Arrays) -> Prediction:
+def _predict(
+    block: Block, images: Images, stack: Stack, values: Arrays, measured: bool = False
+) -> Prediction:
+    """measured: whether effects see image points of the block as they were measured."""
     given = np.column_stack([block.ground[axis].to_numpy(float) for axis in "xyz"])
     control = given[(block.ground["role"] == "control").to_numpy()]
     return Prediction(
-        tie=_seen(block, "tie_points", images, stack, values),
-        mark=_seen(block, "marks", images, stack, values),
+        tie=_seen(block, "tie_points", images, stack, values, measured),
+        mark=_seen(block, "marks", images, stack, values, measured),
         gnss=_antenna(block, images, stack, values),
         attitude=_attitude(block, images, stack, values),
         control=control + stack.moved_ground(images, control_names(block), control, values),
@@ -69,7 +72,7 @@ def _predict(block: Block, images: Images, stack: Stack, values: Arrays) -> Pred
     )
 
 
-def _seen(block, table, images, stack, values):
+def _seen(block, table, images, stack, values, measured):
     rows = getattr(block, table)
     image = block.image_rows(table)
     position = block.positions(table)[rows["point"].array.codes]
@@ -80,6 +83,7 @@ def _seen(block, table, images, stack, values):
     motion = np.zeros((len(rows), 6))
     moved = np.zeros((len(rows), 2))
     steady = not (stack.at("motion") or stack.at("image"))
+    given = block.numbers(table, "x", "y") if measured else None
     pixel = None
     # An effect looks at the modelled image point, which it moves: a contraction, soon at rest.
     for _ in range(40):
@@ -95,7 +99,9 @@ def _seen(block, table, images, stack, values):
         ):
             break
         safe = np.nan_to_num(pixel)
-        seen = Context(images, image, pixel=safe, ray=np.nan_to_num(ray), position=position)
+        seen = Context(
+            images, image, pixel=safe, ray=np.nan_to_num(ray), position=position, measured=given
+        )
         motion, _ = stack.evaluate("motion", seen, values)
         moved, _ = stack.evaluate("image", seen, values)
     return pixel
@@ -151,7 +157,7 @@ def _moved(block: Block, values: Mapping, sign: float) -> Block:
     images = Images.of(block)
     stack, given = gather(block, values, images)
     neutral = {slug: np.zeros_like(v) for slug, v in given.items()}
-    there, here = (_predict(block, images, stack, v) for v in (given, neutral))
+    there, here = (_predict(block, images, stack, v, measured=sign < 0) for v in (given, neutral))
     out = block.copy()
     for table, kind, columns in (
         ("tie_points", "tie", ["x", "y"]),

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import chdtri
 
-from corridor.core.adjustment import Adjustment, tested_by
+from corridor.core.adjustment import ALPHA, Adjustment, critical, tested_by
 from corridor.core.geometry import is_outlier
 from corridor.core.output import (
     DASH,
@@ -394,10 +394,14 @@ def _reliability(adjustment: Adjustment) -> Table | None:
         )
         for row in frame.itertuples()
     ]
+    beyond = f"{critical(ALPHA):.1f}"
+    of_marks = f"{critical(ALPHA, adjustment.redundancy):.1f}"
+    if "mark" in frame.index and of_marks != beyond:
+        beyond += f" (marks: {of_marks})"
     notes = [
         "redundancy: share of an error that its residual shows; w: residual over its own sigma, "
-        "beyond 3.3 for one good measurement in a thousand; least error: the smallest that is "
-        "found with a probability of 80 %",
+        f"beyond {beyond} for one good measurement in a thousand; least error: the smallest that "
+        "is found with a probability of 80 %",
         "each measurement, with its prediction by all others: reliability.csv",
         *_hidden(adjustment),
     ]

@@ -32,6 +32,8 @@ _LEAD = 1.35  # distance of lines over the size of their letters
 _GAP = 7.0  # between the columns of a table
 # Height of a picture over that of a sheet, and how much smaller it may be to fit.
 _PICTURE, _SHRUNK = 0.36, 0.8
+# Tables below this share of a sheet's height are never cut.
+_WHOLE = 0.25
 _INK, _QUIET = "#222222", "#6f6f6f"
 
 
@@ -152,7 +154,7 @@ class _Sheets:
                     self._beside(one.table, other.table, height)
                     continue
             self.gap(8)
-            self._need(min(one.height, 5 * _LEAD * _ROW))
+            self._need(one.height if one.height < _WHOLE * HIGH else 5 * _LEAD * _ROW)
             self._table(one, MARGIN)
 
     def _beside(self, one: Table, other: Table, height: float) -> None:

@@ -141,7 +141,9 @@ class TestNoise:
 
 
 class TestWrongBars:
-    @pytest.mark.parametrize(("bars", "wrong"), [(6, [2]), (6, [0, 4]), (1, [0]), (6, [])])
+    @pytest.mark.parametrize(
+        ("bars", "wrong"), [(6, [2]), (6, [0, 4]), (5, [1, 3]), (1, [0]), (6, [])]
+    )
     def test_they_are_named_with_their_error_and_no_other(self, bars, wrong):
         block = flown(free=False, bars=bars, sigma=0.01, seed=2)
         table = block.distances.copy()
@@ -150,6 +152,8 @@ class TestWrongBars:
         found = adjusted.wrong_distances
         assert sorted(found["from"]) == sorted(table.loc[wrong, "from"])
         assert ((found["error"] - 0.4).abs() < 4 * found["sigma"]).all()
+        # What they push aside is not accused.
+        assert not len(adjusted.reliability.wrong_control)
         told = [note for note in adjusted.warnings if note.startswith("Distances are wrong")]
         assert len(told) == bool(wrong)
         assert all(f"{name} to" in told[0] for name in table.loc[wrong, "from"])

@@ -7,10 +7,24 @@ import pandas as pd
 import pytest
 from hovering import HEIGHT, F, hovering, seen
 from numpy.polynomial.legendre import Legendre
+from strips import corridor_block
 
+import corridor
 from corridor.core.block import Block
 from corridor.core.camera import undistort
-from corridor.core.effects import Context, Images, Stack, find, predict
+from corridor.core.effects import (
+    Context,
+    Effect,
+    EffectValues,
+    Images,
+    Parameter,
+    Stack,
+    Values,
+    add,
+    find,
+    predict,
+    take_out,
+)
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.geometry import quaternion_from_rotation, rotation_from_quaternion
 
@@ -331,3 +345,43 @@ class TestWater:
         look = Context(Images.of(hovering()), np.zeros(1, int), pixel=np.zeros((1, 2)))
         with pytest.raises(InputError, match="sees_points = True"):
             look.depth  # noqa: B018
+
+
+class TestMeasuredPoint:
+    """Effects that see the image point as it was measured: lenses from the image to the ray."""
+
+    class Lens(Effect):
+        slug, title, called = "lens_of_image", "Lens of the measured point", "a lens"
+        place, unknowns = "image", [Parameter("k", "1", scale=0.1)]
+
+        def shift(self, context, values):
+            """k r^2 q of the measured point q from the middle, in half pictures."""
+            half = (context.size - 1.0) / 2.0
+            q = context.measured - half
+            moved = ((q / half) ** 2).sum(axis=1, keepdims=True) * q
+            return values * moved, moved[:, :, None]
+
+    def put_in(self, block, k):
+        """The block with the lens in it."""
+        lens = self.Lens()
+        value = np.array([[k]])
+        return add(block, Values([EffectValues(lens, ["all"], lens.unknowns, value, 0.0 * value)]))
+
+    def test_adjusting_with_them_is_adjusting_corrected_measurements(self):
+        """The same poses to a millionth of their sigmas, and the same sum of squares."""
+        block = corridor_block(images=8, strips=2, observations_per_image=60, control=4, seed=3)
+        bent = corridor.simulation.add_noise(
+            self.put_in(block, -0.01), tie_px=0.5, mark_px=0.5, gnss_m=0.02, control_m=0.01, seed=3
+        )
+        options = {"camera": "fixed", "lever_arm": "fixed", "weights": "stated"}
+        one = corridor.adjust(bent, effects=[self.Lens()], **options)
+        found = one.values["lens_of_image"]
+        assert abs(found.value[0, 0] + 0.01) < 4.0 * found.sigma[0, 0]
+        other = corridor.adjust(take_out(bent, one.values), **options)
+        away = (one.state.centre - other.state.centre) / one.poses[["sx", "sy", "sz"]].to_numpy()
+        assert np.abs(away).max() < 1e-6
+        assert one.cost == pytest.approx(other.cost, rel=1e-9)
+
+    def test_where_nothing_is_measured_it_is_the_modelled_point(self):
+        seen = Context(Images.of(hovering()), np.zeros(1, int), pixel=np.array([[5.0, 6.0]]))
+        assert seen.measured is seen.pixel
