@@ -219,8 +219,8 @@ def _no_way(points: np.ndarray, source: str, target: str) -> str:
         heights = named if known_crs(source).is_compound else other
         return (
             f"PROJ knows no way between the heights of {heights} and the ellipsoid"
-            f"{_other_datums(high[0], *place)}: give them above the ellipsoid, in a system without a "
-            "vertical part"
+            f"{_other_datums(high[0], *place)}: give them above the ellipsoid, in a system without "
+            "a vertical part"
         )
     return (
         f"no exact transformation from {named} to {other} is known: PROJ would be off by tens of "

@@ -185,7 +185,7 @@ REFUSED = {
     "CGVD28": ("EPSG:2950+5713", (300000, 5050000), "ca_nrc_HT2"),
     "CGVD2013": (
         "EPSG:2950+6647", (300000, 5050000),
-        r"NAD83\(CSRS\)v6, with ca_nrc_CGG2013n83.tif: `pyproj sync --file ca_nrc_CGG2013n83` fetch",
+        r"NAD83\(CSRS\)v6, with ca_nrc_CGG2013n83.tif: `pyproj sync --file ca_nrc_CGG2013n83`",
     ),
     # Its height system has a grid, of Slovakia.
     "EVRF2007 in Poland": ("EPSG:2180+5621", (500000, 500000), "EPSG:2180.5621 and the ellipsoid:"),
