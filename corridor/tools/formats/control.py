@@ -27,7 +27,14 @@ from corridor.core.geometry import (
 )
 from corridor.core.gnss import GEOGRAPHIC, Local, known_crs, local_of
 from corridor.core.photographs import Metadata
-from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness, unit_of
+from corridor.core.preparation import (
+    AGREES,
+    CONTRADICTS,
+    UNCHECKED,
+    Witness,
+    marks_of_another_size,
+    unit_of,
+)
 from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.frames import local_table
 from corridor.tools.formats.ground import Ground, add_to, called_as_marked, in_frame, read_ground
@@ -131,6 +138,7 @@ def add_ground(
             raise InputError(f"{error}; {doubt}" if doubt else str(error)) from None
     if doubt:
         project = project.warned(doubt)
+    project = project.warned(*marks_of_another_size(project.block)[1])
     heights = ground.table["z"].to_numpy(float) if listed else np.zeros(0)
     if len(heights) <= _LEAST_POINTS or np.ptp(heights) > 0:
         return project

@@ -8,7 +8,7 @@ from strips import corridor_block
 import corridor
 from corridor.core.adjustment import left_out
 from corridor.core.errors import AdjustmentFailed, InputError
-from corridor.core.preparation import plausibility_warnings
+from corridor.core.preparation import plausibility_warnings, without_impossible_points
 
 
 def flown(**options):
@@ -75,6 +75,20 @@ def test_marks_of_resized_pictures_are_told(factor):
     assert found.warnings[0] == told and found.sigma0 < 1.2 and not len(found.check_points)
     with pytest.raises(InputError, match="by one factor"):
         corridor.adjust(block, strict=True)
+
+
+def test_marks_of_one_image_in_another_size_are_told_and_set_aside():
+    block = flown()
+    image = block.marks["image"].value_counts().index[0]
+    mine = (block.marks["image"] == image).to_numpy()
+    block.marks.loc[mine, ["x", "y"]] = (block.marks.loc[mine, ["x", "y"]] + 0.5) / 2 - 0.5
+    left, told = without_impossible_points(block)
+    assert len(told) == 1 and f"{mine.sum()} of {len(mine)} marks, in {image}, lie" in told[0]
+    assert "0.50" in told[0] and "by 2.0" in told[0]
+    assert not (left.marks["image"] == image).any() and len(left.marks) == (~mine).sum()
+    assert corridor.adjust(block).sigma0 < 1.2
+    block.marks.loc[mine, "x"] += 100 * np.arange(mine.sum())  # a blunder each is no size
+    assert not without_impossible_points(block)[1]
 
 
 @pytest.mark.parametrize(
