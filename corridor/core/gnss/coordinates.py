@@ -222,6 +222,11 @@ def _no_way(points: np.ndarray, source: str, target: str) -> str:
             f"{_other_datums(high[0], *place)}: give them above the ellipsoid, in a system without "
             "a vertical part"
         )
+    for crs, system in zip((named, other), map(known_crs, (source, target)), strict=True):
+        if "unknown" in system.geodetic_crs.name.lower():
+            return (
+                f"{crs} names an ellipsoid and no datum: give the code of the system, as EPSG:25832"
+            )
     return (
         f"no exact transformation from {named} to {other} is known: PROJ would be off by tens of "
         "metres; give the coordinates in a system of the other's datum, as the survey authority's "
