@@ -465,8 +465,12 @@ def _crs(text):
 def _project(chunk, cloud, path, notes, warnings):
     cameras = where_known(chunk.sensors, lambda name: _camera(chunk.sensors[name], name, notes))
     labels = [label for label in chunk.cameras if chunk.sensor_of[label] in cameras]
+    if lost := sum(sensor not in chunk.sensors for sensor in chunk.sensor_of.values()):
+        warnings.append(f"{lost} cameras name a sensor that the chunk has not: left out")
     off = [label for label in labels if label in chunk.off]
-    if off and len(off) < len(labels):
+    if off and len(off) == len(labels):
+        warnings.append("all cameras are disabled: they were read as if they were not")
+    elif off:
         notes.append(f"{len(off)} disabled cameras were left out: {some(off, 5)}")
         labels = [label for label in labels if label not in chunk.off]
     _told_of_shutters(chunk, labels, warnings)
