@@ -346,6 +346,8 @@ def _of_resolution(exposures: Exposures, made: Interpolated) -> Iterator[str]:
     step = exposures.resolution_s
     if not step:
         time = exposures.table["time_s"].dropna().to_numpy(float)
+        if {"number", "flag"} & set(exposures.table) or exposures.counted:
+            return  # marks of a receiver
         if len(time) >= _LEAST_WHOLE and (time == np.round(time)).all() and speed > 0:
             yield (
                 f"all {len(time)} times of {exposures.source.name} are whole seconds: if the "

@@ -201,7 +201,7 @@ def _slips(block, given, crs, in_frame):
         for north in (25800, 32600, 32700):
             code = f"EPSG:{north + int(zone[0])}"
             tries.append((f"{told}, and give --ground-crs {code}", bare, code))
-    for code in _usual(block) if crs is None or known_crs(crs).utm_zone else ():
+    for code in _usual(block) if crs is None or known_crs(crs).is_projected else ():
         told = f"the coordinates are not those of the project: give --ground-crs {code}"
         if crs is not None:
             told = f"the coordinates are those of {code}: write that in place of {crs[:40]}"
