@@ -223,7 +223,8 @@ def _no_way(points: np.ndarray, source: str, target: str) -> str:
             "a vertical part"
         )
     for crs, system in zip((named, other), map(known_crs, (source, target)), strict=True):
-        if "unknown" in system.geodetic_crs.name.lower():
+        datum = system.geodetic_crs
+        if datum is not None and "unknown" in datum.name.lower():
             return (
                 f"{crs} names an ellipsoid and no datum: give the code of the system, as EPSG:25832"
             )

@@ -149,7 +149,7 @@ def convert_within(places: Any, crs: str) -> np.ndarray:
     lon, lat, _ = np.median(places, axis=0)
     system = known_crs(crs)
     if system.is_projected and not outside:
-        near = Local(lat, lon).to_geographic([[0, 0, 0], [_NEAR_M, 0, 0]])
+        near = Local(lat, lon).to_geographic(np.array([[0, 0, 0], [_NEAR_M, 0, 0]]))
         ends = convert(near, GEOGRAPHIC, crs)[:, :2] * system.axis_info[0].unit_conversion_factor
         scale = float(np.linalg.norm(ends[1] - ends[0])) / _NEAR_M
         if abs(scale - 1) > _STRETCHED:
