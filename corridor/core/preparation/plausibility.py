@@ -31,7 +31,7 @@ _FILLED, _LEAST_COUNT = 0.6, 100
 # then is that of rough start values.
 _RESIZED, _OF_RESIZED = 0.05, 0.2
 # So many marks, this far from where start values put them, show by which factor.
-_SOME, _FAR_PX = 3, 10.0
+_SOME, _FAR_PX, _OF_ONE = 3, 10.0, 0.1
 _KEYS = ("name", "description", "source", "licence", "crs", "offset", "camera", "sigma",
          "lever_arm", "effect", "corrected", "derived", "date", "local_frame", "frame")  # fmt: skip
 # The last two are written by `corridor import photos`.
@@ -401,31 +401,30 @@ def _beside(block: Block, table: str) -> np.ndarray:
 
 def marks_of_another_size(block: Block) -> tuple[np.ndarray, list[str]]:
     """Rows of the marks that alone were measured in pictures of another size, and a sentence."""
-    none: tuple[np.ndarray, list[str]] = np.zeros(0, int), []
     if len(block.marks) < _FEWEST:
-        return none
+        return np.zeros(0, int), []
     seen, measured, there, _ = _marks_as_posed(block)
     off = np.linalg.norm(measured - there, axis=1)
-    # Some among many: rough start values would bring all off.
-    usual = np.quantile(off, 0.25) if len(off) else 0.0
-    bad = off > max(_FAR_PX, usual / _OF_RESIZED)
-    if bad.sum() < _SOME or bad.mean() > 0.5:
-        return none
-    measured, there, off = measured[bad], there[bad], float(np.median(off[bad]))
-    factor = float(np.median(measured / there))
-    left = np.linalg.norm(measured - factor * there, axis=1)
-    if abs(np.log(max(factor, 1e-9))) < _RESIZED or np.median(left) > _OF_RESIZED * off / 2:
-        return none
-    images = list(dict.fromkeys(block.images["image"].to_numpy()[seen.image[bad]].astype(str)))
-    camera = next(iter(block.cameras.values()))
-    told = (
-        f"{bad.sum()} of {len(block.marks)} marks, in {some(images, 3)}, lie {off:.0f} px "
-        "(median) from where the start values put them, all towards the corner x = y = 0 by one "
-        f"factor, {factor:.2f}: were these measured in pictures of {factor * camera.width:.0f} x "
-        f"{factor * camera.height:.0f} px? Multiply their x and y by {1 / factor:.3f}; until then "
-        "they are set aside."
-    )
-    return seen.row[bad], [told]
+    # Up to half of all may be; the others lie as far off as rough start values bring them.
+    for usual in np.quantile(off, [0.25, 0.5]) if len(off) else ():
+        bad = off > max(_FAR_PX, usual / _OF_RESIZED)
+        if bad.sum() < _SOME or bad.mean() > 0.5:
+            continue
+        factor = float(np.median(measured[bad] / there[bad]))
+        left = np.median(np.linalg.norm(measured[bad] - factor * there[bad], axis=1))
+        far, size = np.median(off[bad]), np.median(np.linalg.norm(measured[bad], axis=1))
+        if factor > 0 and abs(np.log(factor)) > _RESIZED and left < _OF_ONE * min(far, size):
+            images = block.images["image"].to_numpy()[seen.image[bad]].astype(str)
+            names = some(list(dict.fromkeys(images)), 3)
+            camera = next(iter(block.cameras.values()))
+            return seen.row[bad], [
+                f"{bad.sum()} of {len(block.marks)} marks, in {names}, lie {far:.0f} px (median) "
+                "from where the start values put them, all towards "
+                f"the corner x = y = 0 by one factor, {factor:.2f}: were these measured in "
+                f"pictures of {factor * camera.width:.0f} x {factor * camera.height:.0f} px? "
+                f"Multiply their x and y by {1 / factor:.3f}; until then they are set aside."
+            ]
+    return np.zeros(0, int), []
 
 
 def _marks_as_posed(block: Block) -> tuple[AsPosed, np.ndarray, np.ndarray, np.ndarray]:
