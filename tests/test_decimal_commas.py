@@ -1,5 +1,6 @@
 """Decimal commas: read where nothing else can be meant, else refused with the remedy."""
 
+import argparse
 import re
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from block_folder import block_folder
 
 from corridor.core.block import read
-from corridor.core.command.options import number
+from corridor.core.command.options import effect, number
 from corridor.core.errors import CorridorWarning, InputError
 from corridor.core.gnss import read_exposures, read_track
 from corridor.core.textfile import decimal_commas, read_toml, with_point
@@ -35,6 +36,20 @@ def test_a_table_of_a_block_may_be_as_a_european_spreadsheet_saves_it(tmp_path, 
         again = getattr(read(folder), table)
     cut = {"columns": "note", "errors": "ignore"}  # which has a comma in its text
     assert again.drop(**cut).equals(plain.drop(**cut))
+
+
+@pytest.mark.parametrize(
+    ("word", "told"),
+    [
+        ("rolling_shutter:readout=0,02", "write rolling_shutter:readout=0.02$"),
+        ("gnss_bias:x=0,02,y=-1,5", "write gnss_bias:x=0.02,y=-1.5$"),
+        ("readout=0,02", "write SLUG:readout=0.02$"),
+        ("gnss_bias:x=0.02,y", "is not SLUG:PARAMETER=VALUE"),
+    ],
+)
+def test_an_effect_with_a_decimal_comma_is_told_with_a_point(word, told):
+    with pytest.raises(argparse.ArgumentTypeError, match=told):
+        effect(word)
 
 
 def test_numbers_in_quotes_may_have_decimal_commas(tmp_path):

@@ -61,7 +61,7 @@ def test_the_wheel_checks_a_block_from_a_foreign_folder(built, tmp_path):
     assert done.returncode == 0, done.stderr
     shutil.copytree(ROOT / "data_synthetic" / "dike", foreign / "data_synthetic" / "dike")
     environment = os.environ | {"PYTHONPATH": str(place)}
-    words = ["check", "data_synthetic/dike", "-o", "out", "--quick", "--required", "0.03"]
+    words = ["check", "data_synthetic/dike", "--quick", "--required", "0.03"]
     run = [sys.executable, "-c", "import corridor, sys; print(corridor.__file__)"]
     where = subprocess.run(run, cwd=foreign, env=environment, capture_output=True, text=True)
     assert Path(where.stdout.strip()).is_relative_to(place)
@@ -70,5 +70,5 @@ def test_the_wheel_checks_a_block_from_a_foreign_folder(built, tmp_path):
         cwd=foreign, env=environment, capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert "Good enough" in done.stdout and (foreign / "out" / "report.html").is_file()
-    assert (foreign / "out" / "take_back" / "settings.txt").is_file()
+    assert "Good enough" in done.stdout and (foreign / "dike_checked" / "report.html").is_file()
+    assert (foreign / "dike_checked" / "take_back" / "settings.txt").is_file()

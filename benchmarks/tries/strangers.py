@@ -11,6 +11,10 @@ import shutil
 import zipfile
 from pathlib import Path
 
+import numpy as np
+
+from corridor.core.gnss import convert
+
 
 def make(home: Path) -> None:
     """All of them below a folder in which `made.make` has been."""
@@ -19,6 +23,8 @@ def make(home: Path) -> None:
     _odm(home)
     _colmap(home)
     _classroom(home)
+    _surveyors(home)
+    _offices(home)
 
 
 def _copy(home: Path, old: str, new: str) -> Path:
@@ -208,3 +214,64 @@ def _classroom(home: Path) -> None:
     (_copy(home, "own", "cl_no_ties") / "tie_points.csv").unlink()
     header = _copy(home, "own", "cl_header_only")
     _changed(header / "tie_points.csv", lambda t: t.splitlines()[0] + "\n")
+
+
+def _surveyors(home: Path) -> None:
+    """Ground points as other countries, programs and spreadsheets write them."""
+    rows = [line.split() for line in (home / "ground" / "blanks.txt").read_text().splitlines()]
+    names, utm = [row[0] for row in rows], np.array([row[1:] for row in rows], float)
+    degrees = convert(utm, "EPSG:25832", "EPSG:4979")
+
+    def table(name, head, row, places=utm, **more):
+        lines = [row(n, *map(float, place)) for n, place in zip(names, places, strict=True)]
+        _lines(home / "ground" / name, head, *lines, **more)
+
+    def plain(name, places):
+        table(name, "name,x,y,z", lambda n, x, y, z: f"{n},{x:.3f},{y:.3f},{z:.3f}", places)
+
+    north_first = lambda n, x, y, z: f"{n};{y:.3f};{x:.3f};{z:.3f}"  # noqa: E731
+    table("nl.csv", "Punt;Y-coordinaat;X-coordinaat;NAP-hoogte", north_first)
+    table("ru.csv", "Имя;Северная;Восточная;Высота", north_first)
+    table("brackets.csv", "Nr;X (N);Y (E);H", north_first)
+    table("variances.csv", "id;northing;easting;elevation;variance_n",
+          lambda *point: f"{north_first(*point)};0.0001")  # fmt: skip
+    table("cut.csv", "name,x,y,z", lambda n, x, y, z: f"{n},{x:.2E},{y:.2E},{z:.3f}")
+    table("whole.csv", "name,x,y,z", lambda n, x, y, z: f"{n},{x:.0f},{y:.0f},{z:.0f}")
+    table("ticks.csv", "#Label,X/Easting,Y/Northing,Z/Altitude,Enabled",
+          lambda n, x, y, z: f"{n},{x:.3f},{y:.3f},{z:.3f},{int(n != 'GCP2')}")  # fmt: skip
+    table("minutes.csv", "name,lat,lon,h", lambda n, x, y, z: (
+        f"{n},{int(y)} {60 * (y % 1):.6f},{int(x)} {60 * (x % 1):.6f},{z:.3f}"), degrees)  # fmt: skip
+    plain("mm.csv", 1000 * utm)
+    plain("zone33.csv", convert(degrees, "EPSG:4979", "EPSG:25833"))
+    plain("gk3.csv", convert(degrees, "EPSG:4979", "EPSG:31467"))
+    plain("web.csv", convert(degrees, "EPSG:4979", "EPSG:3857"))
+    table("gon.csv", "name,lat,lon,h",
+          lambda n, x, y, z: f"{n},{y / 0.9:.9f},{x / 0.9:.9f},{z:.3f}", degrees)  # fmt: skip
+    head, *marks = (home / "ground" / "gcp_list.txt").read_text().splitlines()
+    half = [row.split() for row in marks]
+    for row in half:
+        if row[5] == half[0][5]:
+            row[3:5] = [str(float(value) / 2) for value in row[3:5]]
+    _lines(home / "ground" / "gcp_one_half.txt", head, *map(" ".join, half))
+    _lines(home / "ground" / "gcp_proj4.txt", "+proj=utm +zone=32 +ellps=GRS80 +units=m", *marks)
+
+
+def _offices(home: Path) -> None:
+    """Projects with something switched off, twice, missing, or of another size."""
+    changes = {
+        "marker_off": lambda t: t.replace('label="G02"', 'label="G02" enabled="false"'),
+        "marker_twice": lambda t: t.replace('label="G02"', 'label="G01"'),
+        "all_off": lambda t: t.replace("<camera id", '<camera enabled="0" id'),
+        "no_sensor": lambda t: re.sub(
+            r'sensor_id="0" (label="DJI_000[1-3])', r'sensor_id="9" \1', t
+        ),
+        "double": lambda t: t.replace('width="1056" height="792"', 'width="2112" height="1584"'),
+    }
+    for name, change in changes.items():
+        folder = _copy(home, "metashape", f"ms_{name}")
+        for file in ("cameras.xml", "markers.xml"):
+            _changed(folder / file, change)
+    folder = _copy(home, "pix4d", "p4_double")
+    _changed(
+        folder / "s_calibrated_camera_parameters.txt", lambda t: t.replace("1056 792", "2112 1584")
+    )

@@ -99,7 +99,11 @@ VERBS = {
         ("simulate thesis_50vt --effect rolling_shutter -o OUT", 2, "SLUG:PARAMETER=VALUE"),
         ("simulate thesis_50vt --effect rolling_shutter:30 -o OUT", 2, "SLUG:PARAMETER=VALUE"),
         ("simulate thesis_50vt --effect rolling_shutter:readout=30ms -o OUT", 2, "SLUG:PARAMETER"),
-        ("simulate thesis_50vt --effect rolling_shutter:readout=0,03 -o OUT", 2, "SLUG:PARAMETER"),
+        (
+            "simulate thesis_50vt --effect rolling_shutter:readout=0,03 -o OUT",
+            2,
+            "write rolling_shutter:readout=0.03",
+        ),
         ("simulate thesis_50vt --effect roling_shutter:readout=0.03 -o OUT", 2, "did you mean"),
         ("simulate thesis_50vt --effect rolling_shutter:speed=1 -o OUT", 2, "'speed'"),
         ("simulate thesis_50vt --effect gnss_bias.z:x=1 -o OUT", 2, "is unknown"),

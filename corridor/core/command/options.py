@@ -3,6 +3,7 @@
 import argparse
 import math
 import os
+import re
 import sys
 import textwrap
 from collections import Counter
@@ -87,7 +88,9 @@ def slugs(text: str) -> list[str]:
     """A type of option: slugs of effects with commas between them."""
     found = [word.strip() for word in text.split(",")]
     if not all(found) or any(mark in text for mark in ":="):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a SLUG of `corridor effects`")
+        slug, values, _ = text.partition(":")
+        told = f": values are estimated here, write {slug}" if values and slug else ""
+        raise argparse.ArgumentTypeError(f"{text!r} is not a SLUG of `corridor effects`{told}")
     return found
 
 
@@ -98,9 +101,11 @@ def effect(text: str) -> tuple[str, dict[str, Any] | None]:
     try:
         return parse_word(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not SLUG:PARAMETER=VALUE, for example rolling_shutter:readout=0.03"
-        ) from None
+        told = "is not SLUG:PARAMETER=VALUE, for example rolling_shutter:readout=0.03"
+        pointed = re.sub(r"(=\s*[+-]?\d+),(?=\d+\s*(?:,|$))", r"\1.", text)
+        if pointed != text:
+            told = f"has a decimal comma; write {'' if ':' in text else 'SLUG:'}{pointed}"
+        raise argparse.ArgumentTypeError(f"{text!r} {told}") from None
 
 
 def valued_effect(text: str) -> tuple[str, dict[str, Any]]:

@@ -32,6 +32,8 @@ _NO_METRES, _ON_STEP = 2e-5, 1e-3
 # No flight goes so far in degrees, nor so short a way in metres.
 _FLIGHT = 1.0
 _LEAST_OF_FLIGHT = 3  # images, for one of them to stand out
+# So many times that are whole seconds by chance: one in 1000^5 where they are printed in ms.
+_LEAST_WHOLE = 5
 # A drone that takes photographs for so long and moves by less is not on a survey.
 _STOOD_S, _STOOD_M = 20.0, 1.0
 
@@ -340,10 +342,20 @@ def _with_resolution(made: Interpolated, step: float) -> Interpolated:
 
 
 def _of_resolution(exposures: Exposures, made: Interpolated) -> Iterator[str]:
-    if not exposures.resolution_s:
-        return
     speed = np.nanmedian(np.linalg.norm(made.table[["vx", "vy", "vz"]].to_numpy(), axis=1))
     step = exposures.resolution_s
+    if not step:
+        time = exposures.table["time_s"].dropna().to_numpy(float)
+        if {"number", "flag"} & set(exposures.table) or exposures.counted:
+            return  # marks of a receiver
+        if len(time) >= _LEAST_WHOLE and (time == np.round(time)).all() and speed > 0:
+            yield (
+                f"all {len(time)} times of {exposures.source.name} are whole seconds: if the "
+                f"camera did not fire at those but printed no more, positions are off by up to "
+                f"{speed:.1f} m along the track, which no sigma here says; `corridor adjust ... "
+                "--effect clock_offset` determines it"
+            )
+        return
     shift = speed * step / np.sqrt(3)
     yield (
         f"{exposures.source.name} prints times in steps of {1000 * step:.0f} ms: at {speed:.1f} "

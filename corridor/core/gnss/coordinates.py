@@ -31,7 +31,12 @@ _HEIGHTS = """
     JOIN geodetic_crs AS crs ON crs.auth_name = way.source_crs_auth_name
         AND crs.code = way.source_crs_code
     JOIN grid_alternatives AS grids ON grids.original_grid_name = way.grid_name
+    JOIN usage ON usage.object_table_name = 'grid_transformation'
+        AND usage.object_auth_name = way.auth_name AND usage.object_code = way.code
+    JOIN extent ON extent.auth_name = usage.extent_auth_name AND extent.code = usage.extent_code
     WHERE way.target_crs_auth_name = 'EPSG' AND way.target_crs_code = ? AND NOT way.deprecated
+        AND ? BETWEEN extent.south_lat AND extent.north_lat
+        AND (? - extent.west_lon + 360) % 360 <= (extent.east_lon - extent.west_lon + 360) % 360
     ORDER BY CAST(crs.code AS INTEGER) DESC
 """
 _SIGMAS = (("sx", "sy", "sz"), ("svx", "svy", "svz"))
@@ -214,9 +219,15 @@ def _no_way(points: np.ndarray, source: str, target: str) -> str:
         heights = named if known_crs(source).is_compound else other
         return (
             f"PROJ knows no way between the heights of {heights} and the ellipsoid"
-            f"{_other_datums(high[0])}: give them above the ellipsoid, in a system without a "
-            "vertical part"
+            f"{_other_datums(high[0], *place)}: give them above the ellipsoid, in a system without "
+            "a vertical part"
         )
+    for crs, system in zip((named, other), map(known_crs, (source, target)), strict=True):
+        datum = system.geodetic_crs
+        if datum is not None and "unknown" in datum.name.lower():
+            return (
+                f"{crs} names an ellipsoid and no datum: give the code of the system, as EPSG:25832"
+            )
     return (
         f"no exact transformation from {named} to {other} is known: PROJ would be off by tens of "
         "metres; give the coordinates in a system of the other's datum, as the survey authority's "
@@ -262,8 +273,8 @@ def _fetched(grids: tuple[str, ...], what: str) -> str:
     own = [grid for grid in grids if ".tif" not in grid]
     if own:
         return (
-            f"{' and '.join(own)} of the survey authority joins them better, in the folder that "
-            "`pyproj -v` names"
+            f"put {' and '.join(own)} of the survey authority into the folder that `pyproj -v` "
+            "names"
         )
     files = " ".join(f"--file {grid.removesuffix('.tif')}" for grid in grids)
     return f"`pyproj sync {files}` fetches {what}"
@@ -304,9 +315,9 @@ def _missing_grids(
     return tuple(g.short_name for g in first.grids if not g.available) if first else ()
 
 
-def _other_datums(system: pyproj.CRS) -> str:
-    """By which grids PROJ joins the heights of a compound system to the ellipsoids of other datums;
-    empty where it has none."""
+def _other_datums(system: pyproj.CRS, lon: float, lat: float) -> str:
+    """By which grid PROJ joins the heights of a compound system to the ellipsoid of another datum
+    at a place (degrees); empty where it has none."""
     import sqlite3
 
     import pyproj
@@ -314,10 +325,13 @@ def _other_datums(system: pyproj.CRS) -> str:
     code = system.sub_crs_list[1].to_authority("EPSG", 100)
     try:
         with closing(sqlite3.connect(Path(pyproj.datadir.get_data_dir()) / "proj.db")) as data:
-            rows = data.execute(_HEIGHTS, (code[1] if code else "",)).fetchall()
+            rows = data.execute(_HEIGHTS, (code[1] if code else "", lat, lon)).fetchall()
     except sqlite3.Error:
         return ""
-    return f" (it does for {rows[0][0]}, with {rows[0][1]})" if rows else ""
+    if not rows:
+        return ""
+    datum, grid = rows[0]
+    return f" (it does for {datum}, with {grid}: {_fetched((grid,), 'it')})"
 
 
 # Zones of UTM are used far beyond their borders: zone 32 for all of Bavaria, to 14 degrees east,

@@ -19,6 +19,9 @@ from corridor.core.gnss.track import GEOGRAPHIC
 
 FRAME = "local_frame"
 
+# Equal-area grids of continents stretch lengths by 3 % at their rims; web maps by far more.
+_STRETCHED, _NEAR_M = 0.03, 100.0
+
 
 def local_of(block: Block) -> Local | None:
     """The block's east, north, up frame on Earth, None where it has none.
@@ -138,13 +141,24 @@ def in_metres(crs: str) -> None:
 def convert_within(places: Any, crs: str) -> np.ndarray:
     """Longitude, latitude (degrees), height (n, 3) in a CRS.
 
-    Raises InputError where they lie outside its area of use.
+    Raises InputError where they lie outside its area of use, or where its metres are none.
     """
     places = np.asarray(places, dtype=float)
     made = convert(places, GEOGRAPHIC, crs)
     outside = outside_area(made, crs, converted=True)
+    lon, lat, _ = np.median(places, axis=0)
+    system = known_crs(crs)
+    if system.is_projected and not outside:
+        near = Local(lat, lon).to_geographic(np.array([[0, 0, 0], [_NEAR_M, 0, 0]]))
+        ends = convert(near, GEOGRAPHIC, crs)[:, :2] * system.axis_info[0].unit_conversion_factor
+        scale = float(np.linalg.norm(ends[1] - ends[0])) / _NEAR_M
+        if abs(scale - 1) > _STRETCHED:
+            zone = int((lon + 180) // 6) % 60 + 1
+            raise InputError(
+                f"{crs} makes lengths {scale:.3f} times as long at latitude {lat:.2f}: it is for "
+                f"maps, not for measuring; give another, as EPSG:{32600 + 100 * (lat < 0) + zone}"
+            )
     if outside:
-        lon, lat, _ = np.median(places, axis=0)
         raise InputError(
             f"{outside}, and the block lies at latitude {lat:.2f}, longitude {lon:.2f}: give a "
             "system of that place"

@@ -85,7 +85,8 @@ def number(text: str, path: Path, row: int, what: str) -> float:
 
 
 def degrees(parts: list[str], path: Path, row: int, what: str) -> float:
-    """Degrees of one decimal number, or of degrees, minutes and seconds (the sign on the first)."""
+    """Degrees of one decimal number, or of degrees, minutes and perhaps seconds (the sign on the
+    first)."""
     values = [number(part, path, row, what) for part in parts]
     if len(values) == 1:
         return values[0]
@@ -94,6 +95,6 @@ def degrees(parts: list[str], path: Path, row: int, what: str) -> float:
             f"{path.name}, row {row}: {what} = {' '.join(parts)!r} is not degrees, minutes and "
             "seconds; correct it or delete the row"
         )
-    size = abs(values[0]) + values[1] / 60 + values[2] / 3600
+    size = abs(values[0]) + sum(value / 60**k for k, value in enumerate(values[1:], 1))
     # The sign of "-0 12 30" is in the text only.
     return -size if parts[0].lstrip().startswith("-") else size

@@ -32,12 +32,13 @@ class AsPosed(NamedTuple):
     """Image points whose pose and point have start values, the point ahead of the camera.
 
     image (n,); pixel (n, 2), measured; ray (n, 2): where the start values put it, at unit focal
-    length.
+    length. row (n,): in the table.
     """
 
     image: np.ndarray
     pixel: np.ndarray
     ray: np.ndarray
+    row: np.ndarray
 
 
 def as_posed(
@@ -54,7 +55,7 @@ def as_posed(
     ahead = seen[:, 2] > 0
     known, seen = known[ahead], seen[ahead]
     pixel = np.stack([rows[axis].to_numpy(float)[::step][known] for axis in "xy"], axis=1)
-    return AsPosed(image[known], pixel, seen[:, :2] / seen[:, 2:])
+    return AsPosed(image[known], pixel, seen[:, :2] / seen[:, 2:], known * step)
 
 
 def sampled(block: Block) -> int:
@@ -68,7 +69,7 @@ def turned_by(block: Block) -> np.ndarray:
     where start values do not tell."""
     count = len(block.images)
     out = np.zeros(count)
-    image, *both = as_posed(block, "tie_points", sampled(block))
+    image, *both, _ = as_posed(block, "tie_points", sampled(block))
     z, w = (xy[:, 0] + 1j * xy[:, 1] for xy in both)
     number = np.bincount(image, minlength=count)
     z, w = (one - (_sums(image, one, count) / np.maximum(number, 1))[image] for one in (z, w))

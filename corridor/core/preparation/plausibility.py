@@ -30,6 +30,8 @@ _FILLED, _LEAST_COUNT = 0.6, 100
 # Pictures are made smaller or larger by more than this (logarithm); what is left of the distance
 # then is that of rough start values.
 _RESIZED, _OF_RESIZED = 0.05, 0.2
+# So many marks, this far from where start values put them, show by which factor.
+_SOME, _FAR_PX, _OF_ONE = 3, 10.0, 0.1
 _KEYS = ("name", "description", "source", "licence", "crs", "offset", "camera", "sigma",
          "lever_arm", "effect", "corrected", "derived", "date", "local_frame", "frame")  # fmt: skip
 # The last two are written by `corridor import photos`.
@@ -343,7 +345,7 @@ def mirrored(block: Block) -> Iterator[str]:
 
 def _alike(seen: AsPosed) -> np.ndarray:
     """Correlations (2, 2) of x, y with u, v; 0 of hardly any."""
-    _, measured, ray = seen
+    _, measured, ray, _ = seen
     if len(measured) < _LEAST_COUNT:
         return np.zeros((2, 2))
     with np.errstate(invalid="ignore"):  # a coordinate that never varies goes with nothing
@@ -372,9 +374,12 @@ def without_impossible_points(block: Block, strict: bool = False) -> tuple[Block
         )
         block = replace(block, **{table: rows[~beside].reset_index(drop=True)}) if few else block
     if not (list(mirrored(block)) or list(turned_images(block))):
-        other = list(_marks_of_other_pictures(block))
+        other, sized = list(_marks_of_other_pictures(block)), np.zeros(0, int)
+        if not other:
+            sized, other = marks_of_another_size(block)
         told += other
-        block = replace(block, marks=block.marks.iloc[:0]) if other else block
+        left = block.marks.drop(block.marks.index[sized]) if len(sized) else block.marks.iloc[:0]
+        block = replace(block, marks=left.reset_index(drop=True)) if other else block
     if told and strict:
         raise InputError(told[0])
     return block, told
@@ -394,20 +399,52 @@ def _beside(block: Block, table: str) -> np.ndarray:
     return out
 
 
+def marks_of_another_size(block: Block) -> tuple[np.ndarray, list[str]]:
+    """Rows of the marks that alone were measured in pictures of another size, and a sentence."""
+    if len(block.marks) < _FEWEST:
+        return np.zeros(0, int), []
+    seen, measured, there, _ = _marks_as_posed(block)
+    off = np.linalg.norm(measured - there, axis=1)
+    # Up to half of all may be; the others lie as far off as rough start values bring them.
+    for usual in np.quantile(off, [0.25, 0.5]) if len(off) else ():
+        bad = off > max(_FAR_PX, usual / _OF_RESIZED)
+        if bad.sum() < _SOME or bad.mean() > 0.5:
+            continue
+        factor = float(np.median(measured[bad] / there[bad]))
+        left = np.median(np.linalg.norm(measured[bad] - factor * there[bad], axis=1))
+        far, size = np.median(off[bad]), np.median(np.linalg.norm(measured[bad], axis=1))
+        if factor > 0 and abs(np.log(factor)) > _RESIZED and left < _OF_ONE * min(far, size):
+            images = block.images["image"].to_numpy()[seen.image[bad]].astype(str)
+            names = some(list(dict.fromkeys(images)), 3)
+            camera = next(iter(block.cameras.values()))
+            return seen.row[bad], [
+                f"{bad.sum()} of {len(block.marks)} marks, in {names}, lie {far:.0f} px (median) "
+                "from where the start values put them, all towards "
+                f"the corner x = y = 0 by one factor, {factor:.2f}: were these measured in "
+                f"pictures of {factor * camera.width:.0f} x {factor * camera.height:.0f} px? "
+                f"Multiply their x and y by {1 / factor:.3f}; until then they are set aside."
+            ]
+    return np.zeros(0, int), []
+
+
+def _marks_as_posed(block: Block) -> tuple[AsPosed, np.ndarray, np.ndarray, np.ndarray]:
+    """Marks, what was measured and where the start values put it (n, 2), px from the corner of the
+    picture, half a pixel before its first pixel's centre; and the sizes of the pictures (n, 2)."""
+    seen = as_posed(block, "marks")
+    camera = block.image_camera[seen.image]
+    lens = np.array([c.interior for c in block.cameras.values()])
+    lens[:, 3:-1] = 0.0
+    size = np.array([[c.width, c.height] for c in block.cameras.values()])[camera]
+    return seen, seen.pixel + 0.5, project_rays(seen.ray, lens, camera) + 0.5, size
+
+
 def _marks_of_other_pictures(block: Block) -> Iterator[str]:
     """A sentence on marks of other pictures, with the way to correct them."""
     if len(block.marks) < _FEWEST:
         return
-    image, measured, ray = as_posed(block, "marks")
-    if len(image) < _FEWEST:
+    seen, measured, there, size = _marks_as_posed(block)
+    if len(seen.image) < _FEWEST:
         return
-    camera = block.image_camera[image]
-    lens = np.array([c.interior for c in block.cameras.values()])
-    lens[:, 3:-1] = 0.0
-    size = np.array([[c.width, c.height] for c in block.cameras.values()])[camera]
-    # From the corner of the picture, half a pixel before its first pixel's centre.
-    measured = measured + 0.5
-    there = project_rays(ray, lens, camera) + 0.5
     factor = float(np.median(measured / there))
     off = np.median(np.linalg.norm(measured - there, axis=1))
     left = np.median(np.linalg.norm(measured - factor * there, axis=1))

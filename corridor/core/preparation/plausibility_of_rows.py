@@ -97,7 +97,7 @@ def astray(block: Block) -> np.ndarray:
     """
     count = len(block.images)
     step = sampled(block)
-    image, pixel, ray = as_posed(block, "tie_points", step)
+    image, pixel, ray, _ = as_posed(block, "tie_points", step)
     lens = np.array([camera.interior for camera in block.cameras.values()])
     f, centre = lens[block.image_camera[image], 0], lens[block.image_camera[image], 1:3]
     miss = np.full(count, np.nan)

@@ -38,7 +38,7 @@ class Parser(argparse.ArgumentParser):
             known = near or f": choose from {chosen[3]}"
             message = f"{chosen[1]}: {chosen[2]!r} is unknown{known}"
         if message.endswith("required: VERB") and self.prog == "corridor":
-            message = "say what to do, for a first look `corridor check PROJECT -o OUT`"
+            message = "say what to do, for a first look `corridor check PROJECT`"
         print(f"error: {message}; see `{self.prog} --help`.", file=sys.stderr)
         raise SystemExit(2)
 

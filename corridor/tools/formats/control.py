@@ -27,7 +27,14 @@ from corridor.core.geometry import (
 )
 from corridor.core.gnss import GEOGRAPHIC, Local, known_crs, local_of
 from corridor.core.photographs import Metadata
-from corridor.core.preparation import AGREES, CONTRADICTS, UNCHECKED, Witness, unit_of
+from corridor.core.preparation import (
+    AGREES,
+    CONTRADICTS,
+    UNCHECKED,
+    Witness,
+    marks_of_another_size,
+    unit_of,
+)
 from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.frames import local_table
 from corridor.tools.formats.ground import Ground, add_to, called_as_marked, in_frame, read_ground
@@ -106,6 +113,8 @@ def add_ground(
             ground = replace(ground, crs=crs)
         framed = project.placed or project.block.crs or local_of(project.block)
         project = _in_size(_with_place(project, ground), ground, photos or {})
+        if listed and ground.crs is not None and not framed:
+            project = _alone_in_its_system(project, listed, path.name, ground.crs)
         if framed and listed:
             given = ground.table[XYZ].to_numpy(float)
             wrong = refusal(project.block, listed, given, ground.crs, in_frame)
@@ -131,6 +140,7 @@ def add_ground(
             raise InputError(f"{error}; {doubt}" if doubt else str(error)) from None
     if doubt:
         project = project.warned(doubt)
+    project = project.warned(*marks_of_another_size(project.block)[1])
     heights = ground.table["z"].to_numpy(float) if listed else np.zeros(0)
     if len(heights) <= _LEAST_POINTS or np.ptp(heights) > 0:
         return project
@@ -153,6 +163,27 @@ def _with_place(project: Project, ground: Ground) -> Project:
         return project.having(crs=ground.crs, offset=offset)
     local = local_table(Local.amid(places, ground.crs))
     return project.having(extra={**block.extra, "local_frame": local}, placed=False)
+
+
+def _alone_in_its_system(project: Project, listed: list[str], name: str, crs: str) -> Project:
+    """The project without the ground points of its own frame, which the file's system is not.
+
+    Raises InputError where no mark joins the two.
+    """
+    table = project.block.ground
+    mine = table["point"].isin(listed).to_numpy()
+    if not set(listed) & set(project.block.marks["point"].cat.categories):
+        called = some(list(map(str, table["point"][~mine])), 3)
+        raise InputError(
+            f"{name} is in {crs[:60]}, the project in a frame of its own, and no mark shows "
+            "a point of the file in an image, so nothing joins the two: "
+            + (f"call the points as the project does ({called}), or " if called else "")
+            + "give a list with their marks"
+        )
+    if mine.all():
+        return project
+    told = f"{(~mine).sum()} ground points of the project itself are in its own frame: left out"
+    return project.having(ground=table[mine].reset_index(drop=True), notes=[told])
 
 
 # --- the pictures that marks were measured in ------------------------------------------------

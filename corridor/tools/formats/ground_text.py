@@ -30,29 +30,36 @@ _WORDS = {
     "x": "x e east easting eastings rechtswert rechts ost est este xeasting eastingx xe",
     "y": "y n north northing northings hochwert hoch nord norte ynorthing northingy yn",
     "z": "z h height elevation elev el ele alt altitude hoehe u up zaltitude ht quota cota hoogte "
-    "hoehen zelevation",
-    "lon": "lon long lng longitude laenge xlongitude",
-    "lat": "lat latitude breite ylatitude",
-    "sx": "sx seast xm",
-    "sy": "sy snorth ym",
-    "sz": "sz sup sv",
+    "hoehen zelevation nn nhn nap naphoogte hauteur altura altezza cotaz",
+    "lon": "lon long lng longitude laenge xlongitude longitud longitudine",
+    "lat": "lat latitude breite ylatitude latitud latitudine",
+    "sx": "sx seast se xm",
+    "sy": "sy snorth sn ym",
+    "sz": "sz sup sv sh",
     "sxy": "sxy hprec hrms horzacc",
     "role": "role use",
     # Roles only where all of its cells are.
     "type": "type kind",
     # What a surveyor adds and no adjustment needs.
     "": "description desc d code codes comment comments note notes remark remarks date time "
-    "enabled feature photo",
+    "feature photo",
+    # Metashape's tick: what has none is a check point.
+    "enabled": "enabled",
 }
 _COLUMN = {word: column for column, words in _WORDS.items() for word in words.split()}
 # What a receiver's program writes beside such a word, and it stays the same column.
-_BESIDE = "(?:wgs84|etrs89|grid|local|ell(?:ip(?:s(?:oid(?:al)?)?)?)?|orth?om?(?:etric[ao]?)?)*"
+_BESIDE = "(?:wgs84|etrs89|grid|local|[ck]oord(?:inate|inaat|inata|onnee)?|"
+_BESIDE += "ell(?:ip(?:s(?:oid(?:al)?)?)?)?|orth?om?(?:etric[ao]?)?)*"
 _SPREAD = "sigma|stdev|stddev|std|sd|accuracy|acc|precision|prec|rms|cq"
 _AXES = {"sx": "x", "sy": "y", "sz": "z vertical vert vt v 1d", "sxyz": " xyz",
          "sxy": "xy horizontal horz hz lateral 2d"}  # fmt: skip
+# An axis that stands in brackets behind another letter, as "X (N)".
+_AXIS = {"n": "y", "north": "y", "northing": "y", "e": "x", "east": "x", "easting": "x"}
 # Letters that are written otherwise; of Japanese plane coordinates X is north.
 _PLAIN = ("ö=oe ä=ae ü=ue σ=sigma ß=ss 点名=name 点番号=name x座標=north y座標=east 標高=height "
-          "楕円体高=ellipsoidalheight 緯度=lat 経度=lon")  # fmt: skip
+          "楕円体高=ellipsoidalheight 緯度=lat 経度=lon 点号=name 北坐标=north "
+          "东坐标=east 高程=height 纬度=lat 经度=lon имя=name номер=no северная=north "
+          "восточная=east высота=height")  # fmt: skip
 _PLACE = ("x", "y", "z")
 _UNITS = ("(us|intl?|international|survey|us?survey)?(s?ft|feet|foot)(us|int)?", "[cdkm]m",
           "(centi|deci|kilo|milli)met(er|re)s?")  # fmt: skip
@@ -63,10 +70,14 @@ _ANGLE = re.compile(
     r"""(?i)([NSEW]?)\s*([+-]?[\d.]+)(?:\s*[°º:\s-]\s*([\d.]+)(?:\s*['′’:\s-]\s*([\d.]+))?)?"""
     r"""\s*[°º'′’"″”]*\s*([NSEW]?)"""
 )
+_OFF = ("0", "false", "no")
 _ROLE = {"gcp": "control", "controlpoint": "control", "checkpoint": "check", "3dgcp": "control"}
 # A semicolon is none: before it a cell may be empty.
 _COMMENTS = ("#", "%", "//")
 _SEPARATORS = "\t;,"
+# So many points of a map, whose coordinates are this large, are not all at whole decimetres.
+_LEAST_ROWS, _OF_A_MAP, _COARSE_M = 3, 1e4, 0.1
+_DOS_END = "\x1a \t\r\n"  # old programs end a text with a character
 _BOTH = (
     "commas stand both between the cells and in the numbers; write numbers with a decimal point, "
     "or semicolons between the cells"
@@ -97,7 +108,7 @@ def read_text(path: Path, exact: bool = False) -> Table:
     """
     rows, titles, header, units = [], [], None, {}
     notes: list[str] = []
-    found = list(filled(path, comment=_COMMENTS))
+    found = [line for line in filled(path, comment=_COMMENTS) if line.text.strip(_DOS_END)]
     # Metashape begins its header with a #.
     commented = [line for line in filled(path) if line.text.lstrip().startswith("#")]
     separator = _separator(found)
@@ -115,15 +126,15 @@ def read_text(path: Path, exact: bool = False) -> Table:
     if header is None and titles:
         header = _header(*titles[-1], notes)
     if header is None:
-        header = next((made for line in commented if (made := _commented(line))), None)
+        header = next((made for line in commented if (made := _commented(line, notes))), None)
     if not rows:
         raise InputError(f"{path.name} holds no ground point; write name, x, y, z a line")
-    headed = header is not None
     if header is None:
         header = _guessed(rows, separator, notes)
     # Standard deviations come in metres; of coordinates the system may count in feet.
     rows = _with_points(path, rows, header, separator, notes)
-    table = _table(rows, header, headed, notes, exact)
+    table = _table(rows, header, notes, exact)
+    notes += _few_digits(path, rows, header)
     for column in set(SIGMAS) & set(table.table):
         table.table[column] *= _metres(units, column)
     return replace(table, unit=next((units[key] for key in _PLACE if key in units), ""))
@@ -210,6 +221,9 @@ def _word(cell: str) -> str:
 def _column(cell: str) -> str | None:
     """The column that a cell of a header names, by the words it is made of; None: not known."""
     word = _word(cell)
+    axis = re.search(r"[(\[]\s*([a-z]+)\s*[)\]]", cell.lower())
+    if word in ("x", "y") and axis and axis[1] in _AXIS:
+        return _AXIS[axis[1]]
     if word in _COLUMN:
         return _COLUMN[word]
     spread = re.fullmatch(f"(?:{_SPREAD})(.*)|(.*?)(?:{_SPREAD})", word)
@@ -250,11 +264,11 @@ def _is_whole(columns: list[str | None]) -> bool:
     return {"x", "y", "z"} <= set(columns) or {"lat", "lon"} <= set(columns)
 
 
-def _commented(line: Line) -> list[str | None] | None:
+def _commented(line: Line, notes: list[str]) -> list[str | None] | None:
     """The columns of a commented line that names all of them, as Metashape writes its header."""
     text = Line(line.path, line.at, line.text.strip().lstrip("#"))
-    columns = _columns(_cells(text, _separator([text])))
-    return columns if _is_whole(columns) else None
+    cells = _cells(text, _separator([text]))
+    return _header(text, cells, notes) if _is_whole(_columns(cells)) else None
 
 
 def _of_one_system(cells: list[str], notes: list[str]) -> list[str | None]:
@@ -280,6 +294,8 @@ def _header(line: Line, cells: list[str], notes: list[str]) -> list[str | None]:
     if twice:
         twice = {"point": "names of points", "z": "heights"}.get(twice, twice)
         raise line.wrong(f"two columns of the header are {twice}; keep one of them, or rename it")
+    if {"x", "y"} <= set(columns) and "z" not in columns:
+        raise line.wrong(f"the header ({', '.join(cells)}) names no height; call its column z")
     if not _is_whole(columns):
         unknown = [cell for cell, column in zip(cells, columns, strict=True) if column is None]
         told = f" ({', '.join(unknown[:4])})" if unknown else ""
@@ -296,6 +312,9 @@ def _header(line: Line, cells: list[str], notes: list[str]) -> list[str | None]:
         columns[0] = "point"
     if "point" not in columns:
         raise line.wrong("the header names no column of names; add one called point")
+    unused = [cell for cell, column in zip(cells, columns, strict=False) if column is None]
+    if unused:
+        notes.append(f"columns of the header that are not known, unused: {', '.join(unused)}")
     return columns
 
 
@@ -336,11 +355,8 @@ def _guessed(rows: list[tuple[Line, list[str]]], separator: str | None, notes: l
 # --- the table -------------------------------------------------------------------------------
 
 
-def _table(rows, columns, headed, notes, exact) -> Table:
+def _table(rows, columns, notes, exact) -> Table:
     at = {column: k for k, column in enumerate(columns) if column}
-    unused = [k + 1 for k, column in enumerate(columns) if column is None]
-    if headed and unused:
-        notes.append(f"columns {', '.join(map(str, unused))} of the header are not known: unused")
     geographic = "lat" in at
     keys = ("lon", "lat", "z") if geographic else _PLACE
     sigma_keys = [key for key in (*SIGMAS, "sxy", "sxyz") if key in at]
@@ -364,10 +380,40 @@ def _table(rows, columns, headed, notes, exact) -> Table:
         places.append([_coordinate(line, cells[at[key]], key) for key in keys])
         sigmas.append(_sigmas(line, {key: _cell(cells, at[key]) for key in sigma_keys}, exact))
         roles.append(_role(line, _cell(cells, at["role"])) if "role" in at else "control")
+    off = [_cell(cells, at["enabled"]).lower() in _OFF for _, cells in rows if "enabled" in at]
+    if "role" not in at and any(off):
+        notes.append(f"{sum(off)} points are switched off (Enabled): read as check points")
+        roles = ["check" if out else "control" for out in off]
     if "role" not in at and "type" in at:
         roles = _roles_of_type([_cell(cells, at["type"]) for _, cells in rows], notes) or roles
     table = ground_table(names, np.array(places), np.array(sigmas), roles)
     return Table(table, GEOGRAPHIC if geographic else None, notes)
+
+
+def _few_digits(path: Path, rows: list, columns: list) -> list[str]:
+    """A sentence where the coordinates of a map are written to decimetres at best, and no standard
+    deviation says so. Raises InputError where a spreadsheet has cut them to powers of ten."""
+    if len(rows) < _LEAST_ROWS or not {"x", "y"} <= set(columns) or "sx" in columns:
+        return []
+    at, steps = [columns.index(axis) for axis in "xy"], []
+    for line, cells in rows:
+        for cell in (cells[k] for k in at):
+            value = _number(cell)
+            if value is None or abs(value) < _OF_A_MAP:
+                return []
+            mantissa, _, power = cell.lower().partition("e")
+            steps.append(10.0 ** (int(power or 0) - len(mantissa.partition(".")[2])))
+            if power and steps[-1] >= 1:
+                raise line.wrong(
+                    f"{cell} is cut to {steps[-1]:g} m: a spreadsheet shows long numbers so; "
+                    "format the cells as numbers with three decimals, and save the sheet again"
+                )
+    if min(steps) < _COARSE_M or {"sxy", "sxyz"} & set(columns):
+        return []
+    return [
+        f"{path.name}: x and y are written in steps of {min(steps):g} m, so they are off by up to "
+        f"{min(steps) / 2:g} m: give them with all digits, or their standard deviation (sx, sy)"
+    ]
 
 
 def _cell(cells: list[str], k: int) -> str:

@@ -368,6 +368,10 @@ def complete(project: Project, added: Additions, say: Callable[..., None] = sile
         project = in_crs(project, late)
     if added.ground is not None:
         project = add_ground(project, added.ground, photos, added.ground_crs)
+    elif added.ground_crs is not None:
+        raise InputError(
+            "--ground-crs is the system of a file of ground points: give the file with --ground"
+        )
     if added.photos or added.track:
         project = project.having(warnings=loose_way(project.block, GEOGRAPHIC))
     # Only now is it known in which frame the project is.

@@ -4,15 +4,17 @@ The yardstick is never the suspect: where the rays of the marks meet, else where
 What makes the coordinates fit (axes exchanged, feet, a zone before the easting ...) is named.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
 from corridor.core.block import Block
-from corridor.core.gnss import known_crs, local_of
+from corridor.core.errors import InputError
+from corridor.core.gnss import about_the_middle, known_crs, local_of
 from corridor.tools.formats.rows import rows_of
 
 _FOOT_M = 0.3048
+_GON = "the angles are in gon: give degrees, which are 0.9 of them"
 # So far, beside the reach of the flight, points may lie that no image shows.
 _BESIDE_M = 2000.0
 # A slip explains points that lie so many times nearer with it, and near enough.
@@ -87,13 +89,14 @@ def _of_rays(block, placed, met, given, crs, in_frame) -> str:
     if away < _CLOSE_M:
         # Less than start poses may miss; the adjustment says what is left.
         return ""
-    for told, other in _slips(block, given, crs, in_frame):
-        left = _distance(other, met)
-        if left < min(away / _BETTER, max(_NEAR_M, 0.05 * away)):
-            return (
-                f"{told} the points lie {_shown(away)} from where the rays of their marks meet; "
-                f"otherwise {_shown(left)}"
-            )
+    left, told = _best(
+        (_distance(other, met), told) for told, other in _slips(block, given, crs, in_frame)
+    )
+    if left < min(away / _BETTER, max(_NEAR_M, 0.05 * away)):
+        return (
+            f"{told} the points lie {_shown(away)} from where the rays of their marks meet; "
+            f"otherwise {_shown(left)}"
+        )
     # What no slip explains is told by `control`, with both numbers.
     return ""
 
@@ -111,14 +114,22 @@ def _of_reach(block, placed, centres, given, crs, in_frame) -> str:
             if _beside(other, centres) < reach and spread > _WIDER * max(wide, 1e-9):
                 return f"{told} as metres all points lie within {_shown(wide)} of each other"
         return ""
-    for told, other in _slips(block, given, crs, in_frame):
-        left = _beside(other, centres)
-        if left < reach and left < away / _BETTER:
-            return f"{told} the points lie {_shown(away)} from the images"
+    left, told = _best(
+        (_beside(other, centres), told) for told, other in _slips(block, given, crs, in_frame)
+    )
+    if left < reach and left < away / _BETTER:
+        return f"{told} the points lie {_shown(away)} from the images"
     return (
         f"the points lie {_shown(away)} from the images; are they of this project, and in its "
         "coordinates? Give the system with --ground-crs"
     )
+
+
+def _best(slips: Iterable[tuple[float, str]]) -> tuple[float, str]:
+    """What brings points nearest, m, and its words; of what is as good but for centimetres the
+    usual one, which stands first."""
+    found = list(slips)
+    return min(found, key=lambda one: round(one[0], 1)) if found else (np.inf, "")
 
 
 def _distance(one: np.ndarray, other: np.ndarray) -> float:
@@ -171,6 +182,12 @@ def _slips(block, given, crs, in_frame):
         tries.append((told, given, "EPSG:4979"))
         told = "the coordinates are latitude and longitude: name the columns lat, lon, height"
         tries.append((told, exchanged, "EPSG:4979"))
+    if geographic:
+        gon = given * [0.9, 0.9, 1]
+        tries += [(_GON, gon, crs), (f"{_GON}, and {axes}", gon[:, [1, 0, 2]], crs)]
+    elif np.abs(given[:, :2]).max() > 360:
+        for name, metres in (("millimetres", 1e-3), ("centimetres", 1e-2), ("kilometres", 1e3)):
+            tries.append((f"the coordinates are in {name}: give metres", given * metres, crs))
     for name, foot in (("feet", _FOOT_M), ("US survey feet", 1200 / 3937)):
         scaled = given * foot
         tries.append((f"the coordinates are in {name}: give metres", scaled, crs))
@@ -184,19 +201,13 @@ def _slips(block, given, crs, in_frame):
         for north in (25800, 32600, 32700):
             code = f"EPSG:{north + int(zone[0])}"
             tries.append((f"{told}, and give --ground-crs {code}", bare, code))
-    local = local_of(block)
-    if local is not None and (crs is None or known_crs(crs).utm_zone):
-        # The usual systems of where the block lies.
-        utm = int((local.lon_deg + 180) // 6) + 1
-        north = [25800, 32600] if local.lat_deg >= 0 else [32700]
-        for base in north:
-            code = f"EPSG:{base + utm}"
-            told = f"the coordinates are not those of the project: give --ground-crs {code}"
-            if crs is not None:
-                told = f"the coordinates are those of {code}: write that in place of {crs[:40]}"
-            tries.append((told, given, code))
-            told = f"northing stands first: name the columns, and give --ground-crs {code}"
-            tries.append((told, exchanged, code))
+    for code in _usual(block) if crs is None or known_crs(crs).is_projected else ():
+        told = f"the coordinates are not those of the project: give --ground-crs {code}"
+        if crs is not None:
+            told = f"the coordinates are those of {code}: write that in place of {crs[:40]}"
+        tries.append((told, given, code))
+        told = f"northing stands first: name the columns, and give --ground-crs {code}"
+        tries.append((told, exchanged, code))
     if block.offset.any() and crs is None:
         told = "the offset of the project was subtracted already: give full coordinates"
         tries.append((told, given + block.offset, None))
@@ -204,6 +215,25 @@ def _slips(block, given, crs, in_frame):
         made = framed(places, system)
         if made is not None and np.isfinite(made).all():
             yield f"{told};", made
+
+
+def _usual(block: Block) -> list[str]:
+    """The usual systems of where the block lies: its zone, those beside it, the national one of
+    Germany, the web's and geocentric ones."""
+    place = local_of(block)
+    if place is None and block.crs is not None:
+        try:
+            place = about_the_middle(block)
+        except InputError:
+            return []
+    if place is None:
+        return []
+    utm = int((place.lon_deg + 180) // 6) + 1
+    bases = (25800, 32600) if place.lat_deg >= 0 else (32700,)
+    codes = [base + zone for zone in (utm, utm - 1, utm + 1) for base in bases]
+    if 47 < place.lat_deg < 56 and 5 < place.lon_deg < 16:
+        codes += range(31466, 31470)
+    return [f"EPSG:{code}" for code in (*codes, 3857, 4978)]
 
 
 def _shown(metres: float) -> str:

@@ -28,6 +28,8 @@ _GROSS_PX, _GROSS = 50.0, 30.0
 # So much better, in RMS of the better nine tenths and in log likelihood, makes an alternative.
 _BETTER, _LIKELIER, _LEAST_PX = 0.95, 10.0, 0.05
 _SAMPLE = 20_000
+# A picture of another size moves image points by more than this.
+_OF_SIZE_PX = 10.0
 # Cameras are looked at one by one up to so many, and from so many observations.
 _CAMERAS, _LEAST_MEASUREMENTS = 12, 40
 
@@ -275,7 +277,8 @@ def _alternatives(rows: Rows, again: bool = True) -> list[str]:
     with np.errstate(all="ignore"):
         base, anew = _lengths(rows), None
         found = []
-        for name, steps in _MISTAKES.items():
+        far = np.median(np.nan_to_num(base, nan=np.inf)) > _OF_SIZE_PX
+        for name, steps in (_MISTAKES | _SIZES if far else _MISTAKES).items():
             other = _undone(rows, steps)
             if other is None:
                 continue
@@ -364,8 +367,26 @@ _STEPS: dict[str, Callable[[Rows], dict]] = {
     "x, y": lambda rows: {"pixels": rows.pixels[:, ::-1]},
     "backwards": lambda rows: {"backwards": True},
     "other sign": lambda rows: {"interior": np.where(_BENT, -rows.interior, rows.interior)},
+    "times 2": lambda rows: _in_size(rows, 2.0),
+    "times 4": lambda rows: _in_size(rows, 4.0),
+    "times 1/2": lambda rows: _in_size(rows, 0.5),
+    "times 1/4": lambda rows: _in_size(rows, 0.25),
+    "middle times 2": lambda rows: _about_middle(rows, 2.0),
+    "middle times 1/2": lambda rows: _about_middle(rows, 0.5),
     "no distortion": lambda rows: {"interior": np.where(_BENT, 0.0, rows.interior)},
 }
+
+
+def _in_size(rows, factor):
+    """Observations of pictures of another size, from the corner of the first pixel."""
+    return {"pixels": factor * (rows.pixels + 0.5) - 0.5}
+
+
+def _about_middle(rows, factor):
+    """The principal point where it is in pictures of another size, as far from their middle."""
+    interior = rows.interior.copy()
+    interior[:, 1:3] += (factor - 1) * (rows.middle + 0.5)
+    return {"interior": interior}
 
 
 def _image_up(rows, about):
@@ -399,6 +420,14 @@ _MISTAKES: dict[str, tuple[str, ...]] = {
     "the other sign of the distortion": ("other sign",),
     "observations that are free of distortion already": ("no distortion",),
 }  # fmt: skip
+_SIZES: dict[str, tuple[str, ...]] = {
+    "image points measured in pictures of half the size": ("times 2",),
+    "image points measured in pictures of a quarter of the size": ("times 4",),
+    "image points measured in pictures of twice the size": ("times 1/2",),
+    "image points measured in pictures of four times the size": ("times 1/4",),
+    "pictures of twice the stated width and height": ("middle times 2",),
+    "pictures of half the stated width and height": ("middle times 1/2",),
+}
 
 
 def _undone(rows: Rows, steps: tuple[str, ...]) -> Rows | None:

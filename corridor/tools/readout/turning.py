@@ -16,6 +16,9 @@ from corridor.core.errors import InputError
 from corridor.tools.readout.photograph import CannotMeasure, Photograph
 from corridor.tools.readout.result import Readout, sigma_with_speed
 
+# Stacked sensors, the fastest, take some 4 ms for a picture; a part of one takes less.
+_FASTEST_MS = 1.0
+
 
 @dataclass(frozen=True)
 class Known:
@@ -104,6 +107,13 @@ class Turning:
                 f"the photographs show one {self.target} at rest and turning, "
                 f"{known.turns_per_second:g} times a second?"
             )
+        fast = ()
+        if readout < _FASTEST_MS:
+            fast = (
+                f"a readout time of {readout:.2g} ms is shorter than that of any known rolling "
+                f"shutter: are {known.turns_per_second:g} turns those of a minute? Then it is "
+                f"{60 * readout:.3g} ms",
+            )
         found = Readout(
             target=self.target,
             method=method,
@@ -115,7 +125,7 @@ class Turning:
             rotation_sense=sense,
             angular_velocity_deg_s=math.degrees(omega),
             rotation_deg=abs(self.rate_deg) * (self.rows - 1),
-            warnings=(*known.warnings, *warnings, *look_alike),
+            warnings=(*known.warnings, *warnings, *look_alike, *fast),
             extra=extra,
             drawing=self,
         )

@@ -183,12 +183,17 @@ REFUSED = {
     "NGF-IGN69": ("EPSG:2154+5720", (700000, 6600000), "fr_ign_"),
     "AHD": ("EPSG:28355+5711", (500000, 5800000), "au_ga_AUSGeoid09"),
     "CGVD28": ("EPSG:2950+5713", (300000, 5050000), "ca_nrc_HT2"),
-    "CGVD2013": ("EPSG:2950+6647", (300000, 5050000), r"NAD83\(CSRS\)v6, with ca_nrc_CGG2013n83"),
+    "CGVD2013": (
+        "EPSG:2950+6647", (300000, 5050000),
+        r"NAD83\(CSRS\)v6, with ca_nrc_CGG2013n83.tif: `pyproj sync --file ca_nrc_CGG2013n83`",
+    ),
+    # Its height system has a grid, of Slovakia.
+    "EVRF2007 in Poland": ("EPSG:2180+5621", (500000, 500000), "EPSG:2180.5621 and the ellipsoid:"),
     "JGD2000 with heights": ("EPSG:2451+6694", (-10000, -40000), "no way between the heights"),
     "JGD2011 with heights": ("EPSG:6677+6695", (-10000, -40000), "jp_gsi_gsigeo2011"),
     "Pulkovo with heights": ("EPSG:28406+5705", (6500000, 6100000), "no way between the heights"),
     "NAVD88": ("EPSG:26913+5703", (500000, 4400000), "us_noaa_.* which are not installed"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize(("crs", "place", "said"), REFUSED.values(), ids=REFUSED)

@@ -110,3 +110,6 @@ class TestWholeSeconds:
         off, notes = self.found(every_s, cut)
         assert np.abs(off).max() < 4
         assert not any("in steps of" in note for note in notes)
+        # An even step of whole seconds may be cut all the same, by the same part of a second.
+        told = any("are whole seconds: if" in note and "5.0 m along" in note for note in notes)
+        assert told == (every_s != 2.4)

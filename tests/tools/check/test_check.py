@@ -3,6 +3,7 @@
 import json
 import re
 import struct
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -72,6 +73,17 @@ def test_a_block_gets_an_answer_and_files(block, tmp_path):
     # Without a system of its own a place on Earth gives its UTM zone.
     east = float(ground[1].split(",")[1])
     assert east == pytest.approx(in_world(block, block.numbers("ground", *"xyz"))[0, 0], abs=1e-3)
+
+
+def test_without_a_folder_the_answer_lies_where_one_is(block, tmp_path, monkeypatch):
+    """`corridor check PROJECT` is all that has to be typed; -o may stand before or behind."""
+    block.write(tmp_path / "flights" / "river.v2")
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    assert cli.main(["check", "../flights/river.v2", "--quick"]) == 0
+    assert (tmp_path / "here" / "river.v2_checked" / "report.html").is_file()
+    for words in (["a", "-o", "b"], ["-o", "b", "a"]):
+        assert cli._parser("check").parse_args(["check", *words]).output == Path("b")
 
 
 def test_not_good_enough_and_not_known_are_said(block, tmp_path):

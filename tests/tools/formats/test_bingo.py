@@ -1,5 +1,7 @@
 """PATB's and BINGO's text means what its convention says, and a wrong convention is noticed."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -123,6 +125,35 @@ def test_a_wrong_convention_is_refused_by_name(block, tmp_path, said, named):
     folder = written(block, tmp_path / "text", CONVENTIONS[0], said)
     with pytest.raises(InputError, match=named):
         import_project(folder, "auto", tmp_path / "block")
+
+
+@pytest.mark.parametrize(
+    ("file", "change", "said"),
+    [
+        (
+            "image.dat",
+            lambda text: re.sub(r"(\d)\.(\d)", r"\1,\2", text),
+            "line 2: .* decimal comma",
+        ),
+        (
+            "poses.txt",
+            lambda text: re.sub(r"(\d)\.(\d)", r"\1,\2", text),
+            "line 2: .* decimal comma",
+        ),
+        ("convention.toml", lambda text: text.replace("um = 4.4", "um = 44.0"), "correct pixel_um"),
+        (
+            "convention.toml",
+            lambda text: text.replace("um = 4.4", "um = 0.0044"),
+            "correct pixel_um",
+        ),
+    ],
+)
+def test_decimal_commas_and_a_wrong_pixel_are_refused(block, tmp_path, file, change, said):
+    folder = written(block, tmp_path / "text", CONVENTIONS[0])
+    path = folder / file
+    path.write_text(change(path.read_text()))
+    with pytest.raises(InputError, match=said):
+        read_project(folder)
 
 
 def test_a_file_that_is_cut_off_is_named(block, tmp_path):

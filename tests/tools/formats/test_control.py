@@ -130,6 +130,16 @@ def test_marks_of_the_pictures_as_taken_come_into_those_of_the_block(surveyed, f
     assert back == pytest.approx(was, abs=0.01)
 
 
+def test_a_system_without_marks_is_not_laid_on_a_frame_of_its_own(surveyed):
+    """Local metres became EPSG:25832 by points that no image shows."""
+    block, bare, home = surveyed
+    project = free(bare).having(ground=block.ground, marks=block.marks)
+    rows = [f"P{k},{467000 + 9 * k}.123,{5428000 + k * k}.456,160.5" for k in range(5)]
+    (home / "other.csv").write_text("\n".join(["name,E,N,H", *rows]))
+    with pytest.raises(InputError, match="nothing joins the two: call the points as the project"):
+        add_ground(project, home / "other.csv", crs="EPSG:25832")
+
+
 def test_heights_that_are_all_the_same_are_doubted(surveyed):
     block, bare, home = surveyed
     block.ground.assign(z=3.0).to_csv(home / "ground.csv", index=False)

@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 
 from corridor.core.errors import InputError
-from corridor.core.gnss import (
-    Local,
-)
+from corridor.core.gnss import Local, convert
 from corridor.tools.formats import (
     Additions,
     add_ground,
@@ -76,6 +74,11 @@ FORMS = {
     ),
     "Spanish": (("Punto;Este;Norte;Cota ortométrica", PENZ), ";"),
     "Japanese, X to the north": (("点名,X座標,Y座標,標高", PNEZ), ","),
+    "Chinese": (("点号,北坐标,东坐标,高程", PNEZ), ","),
+    "Russian": (("Имя;Северная;Восточная;Высота", PNEZ), ";"),
+    "Dutch": (("Punt;X-coordinaat;Y-coordinaat;NAP-hoogte", PENZ), ";"),
+    "X to the north, said in brackets": (("Nr;X (N);Y (E);H", PNEZ), ";"),
+    "the end of a text in DOS": (("Name,E,N,H", (*PENZ[:3], "{h:.4f}\n\x1a")), ","),
     "names under a word that is not known": (("Matricule;X;Y;Z", PENZ), ";"),
     "thousands": (("name;e;n;h", ("{p}", "{e:,.4f}", "{n:,.4f}", "{h:.4f}")), ";"),
 }  # fmt: skip
@@ -116,7 +119,8 @@ WRONG = {
     "another zone": (("", PENZ), "EPSG:25835", "those of EPSG:25832: write that in"),
     "unknown words": (("name,alpha,beta,gamma", PENZ), UTM, "does not name the coordinates"),
     "another half of the Earth": (("", PENZ), "EPSG:32732", "those of EPSG:25832: write that in"),
-    "no height": (("name,easting,northing", PENZ[:3]), UTM, "does not name the coordinates"),
+    "no height": (("name,easting,northing", PENZ[:3]), UTM, "names no height"),
+    "a height of an unknown word": (("name,E,N,undulation", PENZ), UTM, "undulation.* no height"),
     "two eastings": (("name,x,easting,z", PENZ), UTM, "two columns"),
     "a system in each row": (("", ("EPSG:25832", *PENZ)), UTM, "write it once"),
     "decimal commas between commas": (
@@ -214,7 +218,7 @@ def test_what_holds_at_95_percent_is_no_standard_deviation(tmp_path):
     head = "name,E,N,H,Horizontal Precision (95%),Vertical Precision (95%)"
     path.write_text(f"{head}\nA,467000.1,5428000.2,112.3,0.02,0.04\n")
     found = read_text(path)
-    assert "sx" not in found.table and "columns 5, 6" in found.notes[0]
+    assert "sx" not in found.table and "Vertical Precision" in found.notes[0]
 
 
 def test_thousands_may_stand_apart_and_minutes_behind_a_dash(tmp_path):
@@ -273,6 +277,77 @@ def test_degrees_beyond_ninety_without_a_header_are_known(tmp_path):
     (tmp_path / "points.csv").write_text("\n".join(rows))
     with pytest.raises(InputError, match="are latitude and longitude: name the columns"):
         add_ground(project, tmp_path / "points.csv")
+
+
+def converted(places, crs):
+    return convert(places, UTM, crs)
+
+
+SLIPS = {
+    "millimetres": (lambda p: 1000 * p, "x,y,z", "in millimetres: give metres"),
+    "the zone beside": (lambda p: converted(p, "EPSG:25833"), "x,y,z", "ground-crs EPSG:25833"),
+    # Its zone stands before the easting, and without it the points lie 2 km off.
+    "Gauss-Krueger": (lambda p: converted(p, "EPSG:31467"), "x,y,z", "ground-crs EPSG:31467"),
+    "the system of web maps": (lambda p: converted(p, "EPSG:3857"), "x,y,z", "EPSG:3857"),
+    "geocentric": (lambda p: converted(p, "EPSG:4978"), "x,y,z", "ground-crs EPSG:4978"),
+    "gon": (
+        lambda p: converted(p, "EPSG:4979") / [0.9, 0.9, 1.0], "lon,lat,h", "in gon: give degrees",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("marked", [True, False])
+@pytest.mark.parametrize(("change", "head", "said"), SLIPS.values(), ids=SLIPS)
+def test_another_unit_or_system_is_named(tmp_path, change, head, said, marked):
+    project = placed()
+    names, places = surveyed(project)
+    project.block.crs, project.block.offset = UTM, np.array([467000.0, 5428000.0, 0.0])
+    del project.block.extra["local_frame"]
+    moving = project.block.offset - places.mean(axis=0) * [1, 1, 0]
+    for table in ("images", "ground", "points"):
+        frame = getattr(project.block, table)
+        frame[["x", "y", "z"]] -= moving
+    if not marked:
+        project.block.marks = project.block.marks[:0]
+    rows = (f"{n},{x:.9f},{y:.9f},{z:.4f}" for n, (x, y, z) in zip(names, change(places)))  # noqa: B905
+    path = tmp_path / "points.csv"
+    path.write_text("\n".join([f"name,{head}", *rows]))
+    with pytest.raises(InputError, match=said):
+        add_ground(project, path)
+
+
+def test_degrees_and_minutes_need_no_seconds(tmp_path):
+    path = tmp_path / "points.csv"
+    path.write_text("name,lat,lon,h\nA,49 0.6,-8 33.0,160\nB,49 1.2,8 33.3,160\n")
+    assert read_text(path).table["y"].tolist() == pytest.approx([49.01, 49.02])
+    assert read_text(path).table["x"].tolist() == pytest.approx([-8.55, 8.555])
+
+
+def test_coordinates_of_few_digits_are_told(tmp_path):
+    path = tmp_path / "points.csv"
+    rows = "A,{:{f}},{:{f}},112.3\nB,{:{f}},{:{f}},112.3\nC,{:{f}},{:{f}},112.3\n"
+    every = (467124.409, 5428658.56, 467130.475, 5428688.519, 467150.647, 5428662.853)
+    for form, step in ((".0f", "1"), (".1f", "0.1"), (".3f", "")):
+        path.write_text("name,E,N,H\n" + rows.format(*every, f=form))
+        told = [note for note in read_text(path).notes if "in steps of" in note]
+        assert len(told) == (step != "") and (not step or f"steps of {step} m, so" in told[0])
+    path.write_text("name,E,N,H\n" + rows.format(*every, f=".2E"))
+    with pytest.raises(InputError, match=r"line 2: 4.67E\+05 is cut to 1000 m: a spreadsheet"):
+        read_text(path)
+    path.write_text("name,E,N,H\n" + rows.format(*every, f=".9E"))
+    assert not read_text(path).notes
+    # Targets on a wall.
+    path.write_text("name,x,y,z\nA,0,0,0\nB,1,0,0\nC,1,2,0\n")
+    assert not read_text(path).notes
+
+
+def test_points_that_are_switched_off_are_check_points(tmp_path):
+    path = tmp_path / "points.csv"
+    head = "#Label,X/Easting,Y/Northing,Z/Altitude,Enabled,Accuracy"
+    path.write_text(f"{head}\nA,467124.4,5428658.5,1.5,1,0.02\nB,467130.4,5428688.5,1.5,0,0.02\n")
+    found = read_text(path)
+    assert found.table["role"].tolist() == ["control", "check"]
+    assert any("1 points are switched off (Enabled)" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("foot", [0.3048, 1200 / 3937], ids=["feet", "US survey feet"])

@@ -212,6 +212,36 @@ def test_disabled_cameras_are_left_out_and_told(exported, tmp_path):
     assert any("disabled cameras were left out" in note for note in project.notes)
 
 
+def test_what_is_switched_off_or_has_no_sensor_is_told(exported, tmp_path):
+    folder, block = exported
+    _, chunk = _merged(folder)
+    made = copy.deepcopy(chunk)
+    for camera in made.iter("camera"):
+        camera.set("enabled", "false")
+    marker = made.find("markers/marker")
+    marker.set("enabled", "false")
+    project = read_project(_psx(tmp_path, made, block, "off"))
+    assert any("all cameras are disabled: they were read" in told for told in project.warnings)
+    assert any(f"{marker.get('label')} is switched off" in told for told in project.notes)
+    assert marker.get("label") not in set(project.block.marks["point"])
+    made = copy.deepcopy(chunk)
+    for camera in list(made.iter("camera"))[:2]:
+        camera.set("sensor_id", "7")
+    project = read_project(_psx(tmp_path, made, block, "lost"))
+    assert any("2 cameras name a sensor that the chunk has not" in t for t in project.warnings)
+    assert len(project.block.images) == len(block.images) - 2
+
+
+def test_equal_labels_of_markers_are_told(exported, tmp_path):
+    folder, block = exported
+    _, chunk = _merged(folder)
+    made = copy.deepcopy(chunk)
+    for marker in list(made.iter("marker"))[:2]:
+        marker.set("label", "A")
+    project = read_project(_psx(tmp_path, made, block))
+    assert any("2 markers are called A" in told for told in project.notes)
+
+
 def test_of_chunks_of_which_none_is_active_the_one_with_cameras_is_read(exported, tmp_path):
     folder, block = exported
     root, chunk = _merged(folder)

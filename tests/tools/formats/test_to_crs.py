@@ -93,3 +93,18 @@ def test_without_a_place_on_earth_it_is_refused(tmp_path, capsys):
 def test_a_system_that_is_not_in_metres_of_a_grid_is_refused(block, tmp_path, crs):
     with pytest.raises(InputError, match="metres|known"):
         export_project(block, "colmap", tmp_path / "p", to_crs=crs)
+
+
+@pytest.mark.parametrize("crs", ["EPSG:3857", "EPSG:3395"])
+def test_metres_of_a_web_map_are_none(block, crs):
+    """Mercator's scale is 1 / cos of the latitude: 1.52 at 49 degrees."""
+    with pytest.raises(InputError, match=r"1\.52\d times as long .* as EPSG:32632"):
+        moved(block, crs)
+    assert moved(block, "EPSG:3035").crs == "EPSG:3035"
+
+
+def test_a_system_of_ground_points_without_a_file_is_refused(block, tmp_path, capsys):
+    export_project(block, "colmap", tmp_path / "project")
+    words = ["import", "auto", str(tmp_path / "project"), "--ground-crs", CRS]
+    assert cli.main([*words, "-o", str(tmp_path / "block")]) == 2
+    assert "give the file with --ground" in capsys.readouterr().err

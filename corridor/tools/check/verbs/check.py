@@ -1,6 +1,8 @@
 """Check a project in one command: is it good enough, what is wrong, what to take back?
 
 examples:
+  corridor check river.psx
+      the answer goes into river_checked, beside where you are; -o names another folder
   corridor check river.psx -o out/river
       a Metashape project; also a folder of Pix4D, OpenDroneMap, COLMAP, MicMac, BlocksExchange ...
   corridor check PROJECT -o out/a --required 0.02
@@ -29,9 +31,23 @@ from pathlib import Path
 from corridor.core.command.options import flag, option, picked, say, wrote
 
 MARK = "check.state.json"
+
+
+class _Project(argparse.Action):
+    """What is checked; it also names the folder of the answer where -o does not."""
+
+    def __call__(self, parser, namespace, values, option_string=None):
+        namespace.project = values
+        place = values.resolve()
+        name = place.name if place.is_dir() else place.stem
+        namespace.output = namespace.output or Path(f"{name}_checked")
+
+
 OPTIONS = {
-    "project": option("file or folder of a project, photographs, or a block", "PROJECT", Path),
-    "--output": option("folder to write", "OUT", required=True),
+    "project": option(
+        "file or folder of a project, photographs, or a block", "PROJECT", Path, action=_Project
+    ),
+    "--output": option("folder to write (default: PROJECT_checked)", "OUT"),
     "--required": {},
     "--form": option(
         "format of the project, where its content does not show it", "FORMAT", default="auto"

@@ -23,6 +23,7 @@ Source: angles and frames, Kraus 2007; layout of the image coordinates as real
 Pix4D exports for BINGO have it. What a file means is proved by reprojection.
 """
 
+import re
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -44,6 +45,8 @@ TITLE = "PATB or BINGO text with convention.toml"
 
 CONVENTION = "convention.toml"
 END = "-99"
+_FOCAL = 1.2  # a focal length of a calibration and a nominal one differ by less
+_COMMA = re.compile(r"[+-]?\d+,\d+")
 # Keys of the two tables with their values; None: any text.
 _UNITS = {"mm": 1000.0, "um": 1.0, "px": None}
 _TURNS = {"deg": 1.0, "gon": 0.9, "rad": 180.0 / np.pi}
@@ -144,7 +147,7 @@ def _poses(path: Path, posed: dict) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     count = 6 if order else 12
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
     for line in filled(path, "#"):
-        words = line.text.replace(",", " ").split()
+        words = _words(line)
         if not found and len(words) > 1 and not says_number(words[1]):
             continue  # a header
         if len(words) < count + 1:
@@ -164,6 +167,15 @@ def _poses(path: Path, posed: dict) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return found
 
 
+def _words(line: Line) -> list[str]:
+    """What stands in a line, between blanks or commas. Raises InputError for decimal commas."""
+    words = line.text.split()
+    comma = next((word for word in words[1:] if _COMMA.fullmatch(word)), None)
+    if comma is not None and not any("." in word for word in words[1:]):
+        raise line.wrong(f"{comma} has a decimal comma; write numbers with a decimal point")
+    return line.text.replace(",", " ").split()
+
+
 def _views(path, measured, names, used, cameras, notes) -> Views | None:
     known, rows, lost = Names(names), [], 0
     up = -1.0 if measured["y"] == "up" else 1.0
@@ -175,6 +187,8 @@ def _views(path, measured, names, used, cameras, notes) -> Views | None:
         camera = cameras[used[image]]
         unit = _UNITS[measured["unit"]]
         scale = 1.0 if unit is None else unit / camera.pixel_um
+        if unit is not None:
+            _compare_focal(head, used[image], camera)
         origin = {
             "principal point": camera.interior[1:3],
             "centre": in_the_middle(camera.width, camera.height),
@@ -182,13 +196,26 @@ def _views(path, measured, names, used, cameras, notes) -> Views | None:
             "pixel": (0.0, 0.0 if up > 0 else camera.height - 1.0),
         }[measured["origin"]]
         for line in points:
-            name, x, y, *_ = line.text.replace(",", " ").split() + [""] * 2
+            name, x, y, *_ = _words(line) + [""] * 2
             x, y = line.numbers([x, y], "a measurement") * scale
             rows.append((name, image, origin[0] + x, origin[1] + up * y))
     if lost:
         notes.append(f"{path.name}: {lost} images have no pose: left out")
     notes += known.told(path.name)
     return Views.of(rows, "tie points")
+
+
+def _compare_focal(head: Line, name: str, camera: Camera) -> None:
+    """Raises InputError where a focal length behind the name of an image, in mm, is far from that
+    of the convention: then pixel_um or f is wrong."""
+    word = head.text.split()[-1]
+    stated, known = float(word) if says_number(word) else 0.0, camera["f"] * camera.pixel_um / 1000
+    if 1.0 < stated < 1000.0 and not 1 / _FOCAL < known / stated < _FOCAL:
+        raise head.wrong(
+            f"the image has a focal length of {stated:g} mm, [camera.{name}] of {CONVENTION} "
+            f"{known:.4g} mm (f = {camera['f']:g} px of {camera.pixel_um:g} um): correct pixel_um "
+            "or f"
+        )
 
 
 def _image_of(head: Line, known: Names) -> int | None:

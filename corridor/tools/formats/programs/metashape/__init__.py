@@ -106,6 +106,7 @@ class _Chunk:
     Cameras by name and sensors by label or number: two exports may number them differently.
     projections: marker number -> (camera name, element). sensor_of: camera name -> sensor.
     masters: camera name -> name of the master in its rig. off: names of disabled cameras.
+    markers_off: numbers of disabled markers.
     sigma: defaults of the block that the chunk states; bar_m: that of its scale bars.
     """
 
@@ -116,6 +117,7 @@ class _Chunk:
     sensor_of: dict[str, str] = field(default_factory=dict)
     masters: dict[str, str] = field(default_factory=dict)
     off: set[str] = field(default_factory=set)
+    markers_off: set[str] = field(default_factory=set)
     components: dict[str, Xml] = field(default_factory=dict)
     transform: Xml | None = None
     crs: str | None = None
@@ -145,6 +147,10 @@ class _Chunk:
                 raise part.wrong("a marker has no id; export the markers again")
             if _is_on(part, "enabled"):
                 self.markers.setdefault(part.get("id"), part)
+            elif part.get("id") not in self.markers_off:
+                self.markers_off.add(part.get("id", ""))
+                called = part.get("label") or part.get("id")
+                self.notes.append(f"marker {called} is switched off: left out")
         placed = any(part.find("reference") is not None for part in self.markers.values())
         # Cameras may stand in groups.
         parts = [part for part in element.all(".//camera") if part.get("id") is not None]
@@ -459,8 +465,12 @@ def _crs(text):
 def _project(chunk, cloud, path, notes, warnings):
     cameras = where_known(chunk.sensors, lambda name: _camera(chunk.sensors[name], name, notes))
     labels = [label for label in chunk.cameras if chunk.sensor_of[label] in cameras]
+    if lost := sum(sensor not in chunk.sensors for sensor in chunk.sensor_of.values()):
+        warnings.append(f"{lost} cameras name a sensor that the chunk has not: left out")
     off = [label for label in labels if label in chunk.off]
-    if off and len(off) < len(labels):
+    if off and len(off) == len(labels):
+        warnings.append("all cameras are disabled: they were read as if they were not")
+    elif off:
         notes.append(f"{len(off)} disabled cameras were left out: {some(off, 5)}")
         labels = [label for label in labels if label not in chunk.off]
     _told_of_shutters(chunk, labels, warnings)
@@ -522,7 +532,7 @@ def _project(chunk, cloud, path, notes, warnings):
         notes.append(f"world: east, north, up about {lat:g}, {lon:g} degrees, height {height:g} m")
     placed = world.scaled or (not known.any() and np.isfinite(measured.place).any())
     ties, points = _ties(*cloud, labels, world, moves, component) if cloud else (None, None)
-    called = _called(chunk)
+    called = _called(chunk, notes)
     made = Contents(
         name=path.stem,
         cameras=cameras,
@@ -712,10 +722,12 @@ def _gnss(names, reference, measured, have, notes):
     return gnss_table([(names[k], *reference[k], *measured.sigma[k]) for k in rows])
 
 
-def _called(chunk):
+def _called(chunk, notes):
     """Names of markers by their numbers: labels, with the number behind one that several have."""
     labels = {number: part.get("label") or number for number, part in chunk.markers.items()}
     many = Counter(labels.values())
+    for label in (label for label, count in many.items() if count > 1):
+        notes.append(f"{many[label]} markers are called {label}: their numbers stand behind it")
     return {n: f"{label} ({n})" if many[label] > 1 else label for n, label in labels.items()}
 
 
@@ -770,6 +782,8 @@ def _marks(chunk, labels, called, notes):
     at = {label: k for k, label in enumerate(labels)}
     rows, loose, lost = [], 0, 0
     for number in dict.fromkeys([*chunk.markers, *chunk.projections]):
+        if number in chunk.markers_off:
+            continue
         for label, element in chunk.projections.get(number, []):
             x, y = (element.number(key) for key in "xy")
             if not _is_on(element, "pinned"):
