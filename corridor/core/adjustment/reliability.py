@@ -254,7 +254,7 @@ class Reliability:
             between = -with_control(covariance) @ rows.T
             whole[: len(control), len(control) :] = between
             whole[len(control) :, : len(control)] = between.T
-        most = np.count_nonzero(np.diag(control) > LEAST_SHOWN_SHARE) // 3
+        most = int(np.count_nonzero(np.diag(control) > LEAST_SHOWN_SHARE)) // 3
         # Fewer wrong distances than half of those that others show have no other explanation.
         most += round(float(np.trace(share))) // 2
         white = np.concatenate([white, of_bars])
