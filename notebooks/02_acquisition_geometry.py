@@ -25,7 +25,7 @@
 #
 # You need to know that a bundle adjustment can use antenna positions, and that the antenna sits
 # half a metre from the lens: the lever arm. Horizontal and height errors are RMS of check points.
-# *Run time on one core: about 30 seconds; in the fast form about 30 seconds.*
+# *Run time on one core: about 90 seconds; in the fast form about 80 seconds.*
 
 # %% tags=["parameters"]
 fast = False  # fewer simulated flights
