@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from kit import viabon
+from kit import published, viabon
 
 STATISTICS = ["c-8p-GCP1 xy", "c-8p-GCP1 z"]
 
@@ -60,9 +60,23 @@ def test_the_table_holds_what_is_planned():
     table = viabon.read()
     there = set(table[["survey", "cause", "amount", "seed"]].itertuples(index=False, name=None))
     assert set(viabon.PLANNED) == there
+    # With a motion of each image where that is planned.
+    assert viabon.missing(table) == []
     # No verdict from one draw.
     counts = table.groupby(["survey", "cause", "amount"]).size()
     assert counts.min() >= 8
+
+
+def test_a_row_that_holds_with_no_cause_says_which_part_is_off():
+    """With the larger of two amounts RMS and mean come out, STD does not."""
+    register = viabon._register()
+    name = "shutter.d2.c_8p_2.z"
+    of = {
+        words: published.compare({name: np.array(ours)}, register=register)[name]
+        for words, ours in {"pitch 1": (0.0, 5.0, 0.0), "pitch 2": (4.8, -1.0, 1.2)}.items()
+    }
+    said = viabon._nearest_miss(of)
+    assert said == "holds with none of pitch 1, pitch 2; nearest with pitch 2: STD 1.2 cm"
 
 
 @pytest.mark.slow
