@@ -195,7 +195,8 @@ def adjust(
         if weights == "estimated":
             found = with_common_offset(found, again, part.gnss_sigma())
             found = with_gnss_as_it_is(found, again)
-        found = with_motion_as_seen(without_unseen_arms(found, again), again)
+        found = without_unseen_arms(found, again, model.lever_arm is not None)
+        found = with_motion_as_seen(found, again)
         found = with_held_focal_asked(found, again)
         return with_ground_doubts(found) if weights == "estimated" else found
 

@@ -244,7 +244,11 @@ def _scaled(found: Adjustment, factors: dict[tuple[str, str], float], again: Aga
     flight = start.image_flight[start.image_rows("gnss")]
     for (part, name), factor in factors.items():
         restate(start, flight == start.flight_names.index(name), AXES[part], factor)
-    return from_where_it_ended(found, start, found.problem.model, again)
+    model = found.problem.model
+    if found.problem.arms_free and model.lever_arm is None and arms_unseen(start):
+        # What was free is not held at nothing because positions count less: it is less certain.
+        model = replace(model, lever_arm="free")
+    return from_where_it_ended(found, start, model, again)
 
 
 def _told(before: Adjustment, found: Adjustment) -> list[str]:
@@ -376,10 +380,10 @@ def gnss_of_metres(block: Block) -> bool:
     return scatter or arms_unseen(block)
 
 
-def without_unseen_arms(result: Adjustment, again: Again) -> Adjustment:
+def without_unseen_arms(result: Adjustment, again: Again, asked: bool) -> Adjustment:
     """Adjusted with the lever arms held where nobody asked for them and they are not determined."""
     arms = result.lever_arm
-    if not result.problem.arms_free or result.problem.model.lever_arm is not None or not len(arms):
+    if not result.problem.arms_free or asked or not len(arms):
         return result
     sigma = float(np.nanmax(values_of(arms, "sx", "sy", "sz")))
     if not sigma > _ARM_M:

@@ -47,6 +47,18 @@ class TestPositions:
         assert (found.problem.block.gnss_sigma()[0] == [3.0, 3.0, 6.0]).all()
         assert not any("are assumed" in sentence for sentence in found.warnings)
 
+    def test_an_arm_that_fine_ones_show_stays_free_where_they_turn_out_coarse(self):
+        """Errors that last, of 0.3 m where 0.02 m is stated: the arm came out as 0, and nobody
+        said so."""
+        block = corridor.read("data_synthetic/dike")
+        walk = np.random.default_rng(1).standard_normal((len(block.gnss), 3)).cumsum(axis=0)
+        away = block.gnss[["x", "y", "z"]] + 0.3 * walk / np.sqrt(len(walk))
+        found = corridor.adjust(block.with_(gnss=block.gnss.assign(**away)))
+        assert found.problem.block.gnss_sigma()[0, 0] > 0.2
+        assert found.problem.arms_free
+        arm = found.lever_arm[["sx", "sy", "sz"]].to_numpy()
+        assert 0.0 < arm.min() and arm.max() < 1.0
+
     def test_an_adjusted_block_keeps_what_was_found_and_no_arm(self, tmp_path):
         found = free(surveyed())
         found.save(tmp_path / "out")
