@@ -122,9 +122,11 @@ def without_exchanged(
 
     told = found.statistics["tie"].get("sigma0", 0.0) <= _NO_WITNESS and elsewhere(blind)
     if told:
-        # A free focal length follows positions that contradict each other, and the points with it.
+        # A free focal length follows positions that contradict each other, and the points with it;
+        # a free arm of a camera that always looks the same way is any vector.
+        stated = replace(model.without_effects(), camera="fixed", lever_arm="fixed")
         try:
-            held = adjusted(bare, replace(model.without_effects(), camera="fixed")).block
+            held = adjusted(bare, stated).block
         except (InputError, AdjustmentFailed):
             held = blind
         if elsewhere(held):

@@ -102,3 +102,17 @@ class TestCorrelations:
         plan = replace(plan, gnss=True, tie_points=replace(plan.tie_points, per_image=60))
         names = set(corridor.adjust(corridor.simulate(plan)).correlations["b"])
         assert {"height", "height.50vt", "height.50ob"} <= names
+
+
+def test_a_missing_shutter_of_an_even_flight_is_no_other_datum():
+    """A camera that always looks the same way in still air: its free arm is any vector, by which
+    all ground points seemed to lie elsewhere, and the block was refused."""
+    plan = read_plan("data_synthetic/dike.toml").with_flights(
+        heading="kept", attitude_jitter_deg=0.0, velocity_jitter_m_s=0.0, angular_rate_deg_s=0.0,
+        wind_m_s=0.0,
+    )  # fmt: skip
+    for seed in range(3):
+        block = corridor.simulate(plan, {"rolling_shutter": {"readout": 0.025}}, seed=seed)
+        found = corridor.adjust(block, camera="fraser10")
+        assert found.converged and found.sigma0 > 1.2
+        assert any("residuals contradict" in told for told in found.warnings)
