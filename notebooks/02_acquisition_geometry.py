@@ -622,7 +622,8 @@ pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(1) + 0.0
 # %% [markdown]
 # Neither effects that vary in time nor errors of the GNSS shift f by more than a pixel, where 9.8
 # cm of arm are 11 px. An image deformed in a way that eight parameters do not have would have to be
-# three to four times this one, and then heights would be off by a decimetre, where 0.9 cm are published.
+# three to four times this one, and then heights would be off by three decimetres, where 0.9 cm are
+# published.
 
 # %% [markdown]
 # ### What others reached
