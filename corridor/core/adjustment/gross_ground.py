@@ -75,16 +75,15 @@ def with_ground_apart(
     given = block.numbers("ground", *"xyz")[used]
     names = block.ground["point"].to_numpy(dtype=object)[used]
     sigma, either = block.ground_sigma()[used], ""
-    lone = block.marks.iloc[:0] if placed else _beside_ties(block, model, again)
-    start, off = without_marks(block, lone), np.zeros(len(used), bool)
+    wrong = block.marks.iloc[:0] if placed else _beside_ties(block, model, again)
+    start, off = without_marks(block, wrong), np.zeros(len(used), bool)
     # Points that lie elsewhere draw marks of the others, where no GNSS holds the block.
     for _ in range(1 if placed else 2):
-        ended = looked_at(again, with_mark_sigma(start, factor), model)
-        if ended is None:
+        loose = looked_at(again, with_mark_sigma(start, factor), model)
+        if loose is None:
             return None, []
-        loose = ended
-        wrong = loose.residuals["mark"][wrong_marks(loose.residuals["mark"], 0.0)]
-        wrong = pd.concat([lone, wrong], ignore_index=True)
+        table = loose.residuals["mark"]
+        wrong = pd.concat([wrong, table[wrong_marks(table, 0.0)]], ignore_index=True)
         sound = without_marks(block, wrong)
         away = given - _seen(sound, loose)[used]
         more, rival = _off(given, given - away, sigma, placed)

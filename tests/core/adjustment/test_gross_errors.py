@@ -304,6 +304,18 @@ class TestControlThatIsFarOff:
         away = found.residuals["control"].set_index("point")["vz"][block.ground["point"][control]]
         assert np.allclose(away, 2.0, atol=0.1)
 
+    def test_is_named_beside_marks_under_other_names_without_gnss(self):
+        block = flown(34)
+        (name,) = self.typed(block, 10.0)
+        image = one_image(block)
+        rows = slipped(block, image)
+        block.gnss = block.gnss.iloc[:0]
+        found = corridor.adjust(block)
+        assert any(f"{len(rows)} marks set aside" in note and image in note for note in found.notes)
+        (told,) = [note for note in found.notes if "1 ground point set aside" in note]
+        assert re.search(rf"{name} in height by \+(9\.9|10\.0)", told)
+        assert accuracy(found) < 0.05
+
     def test_accuses_none_where_two_halves_contradict_each_other(self):
         block = flown(36)
         block.gnss = block.gnss.iloc[:0]
