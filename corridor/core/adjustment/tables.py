@@ -676,9 +676,6 @@ def _threes(names, key: str, given, residual, weight, unit="m", turn=None) -> pd
         frame[["x", "y", "z"]] = given
     frame[["vx", "vy", "vz"]] = residual
     frame[["sx", "sy", "sz"]] = sigma
-    usual: float | np.ndarray = 1.0
-    if len(scaled) > 6:
-        # An axis that the images leave open takes up its residuals: it is no measure of the others.
-        usual = np.maximum(robust_scale(scaled, least=1e-6), robust_scale(scaled, axis=0))
+    usual = robust_scale(scaled, least=1e-6) if len(scaled) > 6 else 1.0
     frame["outlier"] = is_outlier(scaled, usual).any(axis=1)
     return with_units(frame, {unit: "x y z vx vy vz sx sy sz"})

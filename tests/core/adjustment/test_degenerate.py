@@ -7,7 +7,6 @@ from strips import corridor_block
 
 import corridor
 from corridor.core.adjustment import left_out
-from corridor.core.adjustment.tables import _threes
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.preparation import plausibility_warnings, without_impossible_points
 
@@ -170,17 +169,3 @@ def test_many_wrong_matches_accuse_no_control_point():
     block.tie_points.loc[wrong, "x"] += 60.0
     said = corridor.adjust(block, loss="huber:2").warnings
     assert not [note for note in said if "Ground control is wrong" in note]
-
-
-def test_an_axis_that_takes_up_its_residuals_is_no_measure_of_the_others():
-    """Images that weigh little leave x and y of positions to themselves, and z to the flight:
-    12 of 29 sound positions were called outliers, each within half of its own sigma."""
-    rng = np.random.default_rng(3)
-    off = rng.standard_normal((29, 3)) * [0.0005, 0.0006, 0.01]
-    names = [f"i{k}" for k in range(29)]
-    weight = np.broadcast_to(np.array([0.01, 0.01, 0.02]) ** -2.0, (29, 3))
-    assert not _threes(names, "image", None, off, weight)["outlier"].any()
-    off[4, 2] = 0.12
-    off[7, 0] = 0.06
-    found = _threes(names, "image", None, off, weight)
-    assert found.loc[found["outlier"], "image"].tolist() == ["i4", "i7"]
