@@ -17,9 +17,8 @@ _FOOT_M = 0.3048
 _GON = "the angles are in gon: give degrees, which are 0.9 of them"
 # So far, beside the reach of the flight, points may lie that no image shows.
 _BESIDE_M = 2000.0
-# A slip explains points that lie so many times nearer with it, and near enough.
+# A slip explains points that lie so many times nearer with it, and within reach of the flight.
 _BETTER = 20.0
-_NEAR_M = 5.0
 # Points this near to their rays are not suspected: coarse start poses are off by as much.
 _CLOSE_M = 10.0
 # Points on one spot, and how much wider they lie with what explains it: a degree is 1e5 m.
@@ -92,7 +91,7 @@ def _of_rays(block, placed, met, given, crs, in_frame) -> str:
     left, told = _best(
         (_distance(other, met), told) for told, other in _slips(block, given, crs, in_frame)
     )
-    if left < min(away / _BETTER, max(_NEAR_M, 0.05 * away)):
+    if left < min(away / _BETTER, _reach(block, _centres(block))):
         return (
             f"{told} the points lie {_shown(away)} from where the rays of their marks meet; "
             f"otherwise {_shown(left)}"
