@@ -85,6 +85,15 @@ def test_the_log_bayes_factor_is_the_integral_over_the_prior():
         assert value == pytest.approx(np.log(integral), abs=1e-6)
 
 
+def test_what_nothing_determines_says_nothing_whatever_its_size():
+    """A scale of all positions in a free block: a thousand times what happens "explained" much."""
+    M = np.diag([7.0, 2e-5])
+    both = Spectrum.of(M)
+    h = both.vector.T @ np.array([9.0, 0.05])
+    alone = Spectrum.of(M[:1, :1]).log_bayes(np.array([9.0]))
+    assert both.log_bayes(h) == pytest.approx(alone, abs=1e-12)
+
+
 def test_the_weights_of_the_prior_scales_add_up_to_one():
     assert np.exp(effect_sizes()[1]).sum() == pytest.approx(1.0, abs=1e-3)
     assert averaged(np.zeros(len(effect_sizes()[0]))) == pytest.approx(0.0, abs=1e-3)

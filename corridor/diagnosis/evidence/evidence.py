@@ -60,10 +60,14 @@ class Spectrum:
         return self.vector @ (np.sqrt(self.value)[:, None] * normal)
 
     def log_bayes(self, h: np.ndarray) -> np.ndarray:
-        """Log Bayes factors (kappas, ...) of h = V'g (p, ...)."""
+        """Log Bayes factors (kappas, ...) of h = V'g (p, ...).
+
+        What nothing determines says nothing, whatever a huge size would make of it: see `solution`.
+        """
         k2 = (effect_sizes()[0] ** 2)[:, None]
-        grown = k2 * self.value
-        gain = np.tensordot(0.5 * k2 / (1.0 + grown), h**2, axes=(1, 0))
+        seen = self.value > SETTINGS.blind_information
+        grown = k2 * np.where(seen, self.value, 0.0)
+        gain = np.tensordot(seen * 0.5 * k2 / (1.0 + grown), h**2, axes=(1, 0))
         cost = 0.5 * np.log1p(grown).sum(axis=1)
         return gain - cost.reshape((-1,) + (1,) * (h.ndim - 1))
 
