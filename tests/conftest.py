@@ -52,7 +52,10 @@ def pytest_make_collect_report(collector):
 
 # Names of tests that take more than a fifth of a second, beside those that say so themselves: as
 # `pytest tests --durations=0 --durations-min=0.2` measures them. They are run with the long ones.
+# Where tests start tests by "not slow", CORRIDOR_SECONDS=0 keeps them among those.
 SECONDS = set((Path(__file__).parent / "seconds.txt").read_text(encoding="utf-8").splitlines())
+if os.environ.get("CORRIDOR_SECONDS") == "0":
+    SECONDS = set()
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -69,13 +72,16 @@ def pytest_collection_modifyitems(items):
         if item.nodeid in SECONDS:
             item.add_marker("slow")
     chapters = {item.path for item in items if item.path.suffix == ".ipynb"}
+    # The longest, so that none is left to be the last; and programs of two threads (`test_batch`
+    # comes later) beside chapters, which have one.
+    early = ("test_flight.py", "test_benchmarks.py", "test_site.py")
     order = {
         "test_truth.py": -4,
         "test_matching_walls.py": -3,
         "test_thermal_commands.py": -2,
         "test_star.py": -1,
         "test_notebooks.py": 0,
-        **dict.fromkeys((path.name for path in chapters), 1),
+        **dict.fromkeys((*early, *(path.name for path in chapters)), 1),
     }
     order = dict.fromkeys((path.name for path in long), 2) | order
     items.sort(key=lambda item: order.get(item.path.name, 3))

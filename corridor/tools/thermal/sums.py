@@ -272,6 +272,38 @@ class Sums:
             float(left[mask].sum()), left, offset,
         )  # fmt: skip
 
+    def left_of_pictures(self, kind, powers, lags, use) -> np.ndarray:
+        """Weighted squares left of each picture (lags, used), less what moves it as a whole.
+
+        As `solve` without jumps has them at each of the lags, of many at once.
+        """
+        of_constant, terms, K, r, _ = self.projected(kind)
+        c, count = len(of_constant), len(self.rows)
+        term, of = self.columns(kind, powers)
+        t = np.array([self.optics(lag)[2] for lag in lags])
+        power = t[:, None] ** np.arange(2 * powers + 1)[:, None]
+        masked = power if use is None else power * use
+        moments = (masked.reshape(-1, count) @ K.reshape(count, -1)).reshape(
+            *power.shape[:2], *K.shape[1:]
+        )
+        N = moments[:, of[:, None] + of, term[:, None], term]
+        right = (masked[:, : powers + 1] @ r)[:, of, term]
+        size = np.sqrt(np.einsum("lkk->lk", N))
+        size[size == 0] = 1.0
+        scaled = N / (size[:, :, None] * size[:, None]) + 1e-12 * np.eye(len(term))
+        found = np.linalg.solve(scaled, (right / size)[:, :, None])[:, :, 0] / size
+        flat = [of_constant.reshape(c, -1), terms.reshape(len(terms), -1)]
+        amplitude = found[:, c:].reshape(len(lags), powers, len(terms))
+        coefficients = np.concatenate(
+            [(found[:, :c] @ flat[0])[:, None], amplitude @ flat[1]], axis=1
+        )
+        spatial = power[:, : powers + 1].swapaxes(1, 2) @ coefficients
+        spatial = spatial.reshape(len(lags), count, 2, -1)
+        fitted = spatial @ self.A
+        b = self.b.swapaxes(1, 2)
+        left = self.squares + np.einsum("lnxa,lnxa->ln", spatial, fitted - 2 * b)
+        return left - np.sum((b[:, :, 0] - fitted[..., 0]) ** 2, axis=2) / self.weight
+
     def freedom(self, solved) -> float:
         """What is expected of the weighted squares left, in squares of unit weight."""
         constant = len(solved.of_constant)

@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from corridor.tools.thermal.maps import Maps
-from corridor.tools.thermal.sums import Solved, Sums
+from corridor.tools.thermal.sums import Sums
 
 # F with one degree of freedom: six sigmas.
 _F = 36.0
@@ -56,8 +56,8 @@ def _worst(sums: Sums, kind: str) -> tuple[list[int], str] | None:
 
     def cost(course: np.ndarray, tried, use=None) -> tuple[float, float]:
         sums.warm = course
-        solved = ((sums.solve(kind, powers, lag, (), use), lag) for lag in tried)
-        return min((_left(sums, one, noise, use), lag) for one, lag in solved)
+        left = np.maximum(sums.left_of_pictures(kind, powers, tried, use) - noise, 0.0)
+        return min(zip(left.sum(axis=1, where=True if use is None else use), tried, strict=True))
 
     base, lag = cost(warm, lags)
     # Wrong temperatures move the lag as well.
@@ -108,14 +108,6 @@ def _noise(sums: Sums) -> np.ndarray:
     """Weighted squares of each picture (used,) that its own fullest polynomial leaves."""
     taken = np.einsum("nax,nab,nbx->n", sums.b, np.linalg.pinv(sums.A, hermitian=True), sums.b)
     return np.maximum(sums.squares - taken, 0.0)
-
-
-def _left(sums: Sums, solved: Solved, noise: np.ndarray, use: np.ndarray | None) -> float:
-    """Weighted squares left of pictures beyond noise (used,); what moves one as a whole is no
-    matter of temperature."""
-    left = solved.of_picture - sums.weight * np.sum(solved.offset**2, axis=1)
-    left = np.maximum(left - noise, 0.0)
-    return float(left.sum() if use is None else left[use].sum())
 
 
 def _without(sums: Sums, warm: np.ndarray, row: int) -> np.ndarray:

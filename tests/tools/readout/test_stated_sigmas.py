@@ -18,7 +18,7 @@ pytestmark = pytest.mark.slow
 
 
 def pair(random, texture, degrees, scale, most_smear_deg):
-    """Two photographs of a target; turns a second, readout (s) and the camera that took them."""
+    """A function that takes two photographs of a target; turns a second, readout (s), camera."""
     focal, k1 = random.uniform(0.75, 1.3) * WIDTH, random.uniform(-0.12, 0.05)
     camera = focal, WIDTH / 2 + random.uniform(-6, 6), HEIGHT / 2 + random.uniform(-6, 6), k1
     readout = random.uniform(0.01, 0.07)
@@ -35,10 +35,8 @@ def pair(random, texture, degrees, scale, most_smear_deg):
         blur=random.uniform(0.5, 1.0),
         background=cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC),
     )
-    still = independent.photograph(
-        centre=centre, phase_deg=random.uniform(0, 360), scale=scale, seed=1, **common
-    )
-    turning = independent.photograph(
+    still = dict(centre=centre, phase_deg=random.uniform(0, 360), scale=scale, seed=1, **common)
+    turning = dict(
         centre=centre + random.normal(0, 1.5, 2),
         phase_deg=random.uniform(0, 360),
         scale=scale * (1 + random.normal(0, 0.001)),
@@ -54,7 +52,14 @@ def pair(random, texture, degrees, scale, most_smear_deg):
         "c",
         {"width": WIDTH, "height": HEIGHT, "f": focal, "cx": camera[1], "cy": camera[2], "k1": k1},
     )
-    return Photograph("still", still), Photograph("turning", turning), turns, readout, calibrated
+
+    def take():
+        return [
+            Photograph(name, independent.photograph(**scene))
+            for name, scene in (("still", still), ("turning", turning))
+        ]
+
+    return take, turns, readout, calibrated
 
 
 def judged(cases, measure):
@@ -63,7 +68,8 @@ def judged(cases, measure):
     Of all without a calibrated camera, and of every third with it.
     """
     without, calibrated = [], []
-    for number, (*photos, turns, readout, camera) in enumerate(cases):
+    for number, (take, turns, readout, camera) in enumerate(cases):
+        photos = take()
         for known, into in ((None, without), (camera, calibrated)):
             if known is None or not number % 3:
                 found = measure(*photos, abs(turns), camera=known)

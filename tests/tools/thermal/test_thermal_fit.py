@@ -19,6 +19,12 @@ def true():
     return camlight(WIDTH, HEIGHT, bent=5e-8)
 
 
+@pytest.fixture(scope="module")
+def fitted(true):
+    """Of a series that warms and cools, which several tests ask."""
+    return fit(mapped(warm_and_cool(), true))
+
+
 class TestTerms:
     @pytest.mark.parametrize("kind", ["similarity", "radial", "decentring"])
     def test_the_kind_that_is_true_is_chosen(self, kind):
@@ -58,8 +64,8 @@ class TestTerms:
             assert any(said in one for one in fit(wrong).model.warnings)
         assert not any("alike" in one for one in fit(maps).model.warnings)
 
-    def test_a_square_of_temperature_is_found(self, true):
-        assert len(fit(mapped(warm_and_cool(), true)).model.dx) == 2
+    def test_a_square_of_temperature_is_found(self, fitted):
+        assert len(fitted.model.dx) == 2
 
     @pytest.mark.slow
     def test_a_cube_of_temperature_is_not_made_up(self, true):
@@ -149,9 +155,8 @@ class TestLag:
         assert found.lag_s is None and found.lag_sigma_s is None
         assert any("lag" in text and "not observable" in text for text in found.warnings)
 
-    def test_where_there_is_none_none_is_found(self, true):
-        found = fit(mapped(warm_and_cool(), true)).model
-        assert found.lag_s < 2
+    def test_where_there_is_none_none_is_found(self, fitted):
+        assert fitted.model.lag_s < 2
 
 
 class TestJump:
@@ -210,8 +215,8 @@ class TestSigma:
         solved = sums.solve("polynomial", 2, 0.0)
         assert solved.cost / sums.freedom(solved) == pytest.approx(0.5, rel=0.05)
 
-    def test_it_grows_with_the_distance_from_the_range(self, true):
-        found = fit(mapped(warm_and_cool(), true)).model
+    def test_it_grows_with_the_distance_from_the_range(self, fitted):
+        found = fitted.model
         high = found.range_c[1]
         grows = [float(found.sigma(100.0, 100.0, high + d)) for d in (-1, 1, 3, 6, 10, 20)]
         assert (np.diff(grows[1:]) > 0).all() and grows[-1] > 3 * grows[0]
@@ -243,8 +248,8 @@ class TestBlocksAndPictures:
         # Noise of one picture is 1 / sqrt 2 of a map's.
         assert found.model.residual_px == pytest.approx(0.01 / np.sqrt(2), rel=0.05)
 
-    def test_each_picture_has_its_own_similarity(self, true):
-        found = fit(mapped(warm_and_cool(), true))
+    def test_each_picture_has_its_own_similarity(self, fitted):
+        found = fitted
         table = found.pictures[found.pictures["used"]]
         model = found.model.parameters(table["optics_c"])
         for name in ("shift_x", "shift_y", "scale"):
