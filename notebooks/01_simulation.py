@@ -45,9 +45,8 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-from kit import dike, drawings
+from kit import dike, drawings, numerical
 from kit.dike import HEIGHTS, NADIR, OBLIQUE, adjusted, believed
-from kit.numerical import PolynomialCamera
 from kit.published import Draws, compare
 from kit.real import DATA
 
@@ -633,39 +632,11 @@ pd.DataFrame(rows).T
 # dike, whose lens is Fraser's, and the levee of chapter 5 without its effect, whose lens is not.
 # Everybody starts with a lens without distortion; the last line of each starts as calibrated.
 
-
 # %%
-def without_distortion(block):
-    """The block as somebody believes it who knows nothing of its lens."""
-    block = block.copy()
-    nothing = dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), 0.0)
-    block.cameras = {name: c.with_values(**nothing) for name, c in block.cameras.items()}
-    return block
-
-
-levee = corridor.read("../data_synthetic/stories/levee_twin")
-starts = {
-    "dike, lens unknown": without_distortion(measured.start),
-    "levee, lens unknown": without_distortion(levee),
-    "levee, as calibrated": levee,
-}
-if fast:
-    del starts["levee, lens unknown"]
-models = {
-    "Fraser, 10": {"camera": "fraser10"},
-    "Ebner, 12": {"camera": "f,cx,cy", "effects": [PolynomialCamera(2)]},
-    "Gruen, 44": {"camera": "f,cx,cy", "effects": [PolynomialCamera(4)]},
-}
-rows = {}
-for where, block in starts.items():
-    for model, options in models.items():
-        found = corridor.adjust(block, strict=True, **options)
-        rms = [1000 * value for value in (found.check_rms.xy, found.check_rms.z)]
-        rows[where, model] = [found.observations.loc["tie", "rms_px"], *rms]
-columns = ["tie residuals (px)", "horizontal (mm)", "height (mm)"]
-pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(
-    dict(zip(columns, (2, 1, 1), strict=True))
-)
+both = [(start, model) for start in numerical.STARTS for model in numerical.MODELS]
+print(numerical.TABLE.again("levee, as calibrated", "Fraser, 10"))
+found = numerical.TABLE.some(both).set_axis(pd.MultiIndex.from_tuples(both))
+found.round({"tie residuals (px)": 2, "horizontal (mm)": 1, "height (mm)": 1})
 
 # %% [markdown]
 # Ebner's camera was made for lenses that a laboratory had corrected already: a radial distortion is
