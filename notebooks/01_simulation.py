@@ -30,7 +30,7 @@
 # usually take. It is a parameter below; the appendix varies it.
 #
 # You need to know what a bundle adjustment estimates. Change a number anywhere and run again.
-# *Run time on one core: about 6 minutes; in the fast form about 2 minutes.*
+# *Run time on one core: about 40 seconds; in the fast form about 40 seconds.*
 
 # %% tags=["parameters"]
 fast = False  # fewer draws and steps: the tables are then thinner, the story is the same

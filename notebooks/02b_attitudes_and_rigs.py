@@ -21,7 +21,7 @@
 #
 # You need to know chapter 2: accuracy follows from the geometry, and check points tell whether it
 # was reached. The antenna is held at its measured place here, and the camera calibrates itself.
-# *Run time on one core: about 60 seconds; in the fast form about 30 seconds.*
+# *Run time on one core: about 20 seconds; in the fast form about 20 seconds.*
 
 # %% tags=["parameters"]
 fast = False  # fewer draws

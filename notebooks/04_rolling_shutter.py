@@ -27,7 +27,7 @@
 #
 # You need to know what a bundle adjustment is and what check points are. The bicycle wheel has a
 # page of its own, `04b_bike_wheel`.
-# *Run time on one core: about 7 minutes; in the fast form about 2 minutes.*
+# *Run time on one core: about 3 minutes; in the fast form about 110 seconds.*
 
 # %% tags=["parameters"]
 fast = False  # fewer variants, and not the five photographs of section 5
