@@ -30,12 +30,12 @@
 # usually take. It is a parameter below; the appendix varies it.
 #
 # You need to know what a bundle adjustment estimates. Change a number anywhere and run again.
-# *Run time on one core: about 6 minutes; in the fast form about 2 minutes.*
+# *Run time on one core: about 40 seconds; in the fast form about 40 seconds.*
 
 # %% tags=["parameters"]
 fast = False  # fewer draws and steps: the tables are then thinner, the story is the same
 seed = 0  # the first of the seeds
-draws = 5  # seeds of each case
+draws = 5  # seeds of each case; what is not in the tables of draws takes long
 tilt_deg = 23.0  # of the oblique images
 readout_s = 0.050  # of the rolling shutter
 drift_px = 0.0275  # growth of the focal length from image to image
@@ -45,15 +45,13 @@ from dataclasses import replace
 
 import numpy as np
 import pandas as pd
-from kit import dike, drawings
-from kit.dike import ALL_BUT_F, HEIGHTS, NADIR, OBLIQUE, adjusted, believed
-from kit.numerical import PolynomialCamera
+from kit import dike, drawings, numerical
+from kit.dike import HEIGHTS, NADIR, OBLIQUE, adjusted, believed
 from kit.published import Draws, compare
 from kit.real import DATA
 
 import corridor
 from corridor import figures
-from corridor.adjustment import lay_on_control
 
 seeds = range(seed, seed + (2 if fast else draws))
 
@@ -70,12 +68,7 @@ def flown(flights, *args, **options):
 # and 70 m. The picture's short side lies along the flight; the drone turns at the end of a strip.
 
 # %%
-cases = {
-    "a": [NADIR],
-    "b": [NADIR, HEIGHTS],
-    "c": [NADIR, OBLIQUE],
-    "d": [NADIR, HEIGHTS, OBLIQUE],
-}
+cases = dike.CASES
 names = {"a": "(a) 50vt", "b": "(b) 50vt + 3070vt", "c": "(c) 50vt + 50ob", "d": "(d) all"}
 drawings.flight_directions(
     {names[case]: flown(flights, seed=seed) for case, flights in cases.items()},
@@ -119,17 +112,10 @@ for step in (1e-6, 0.02):
 # scales and angles. So it may say what its matcher manages: `match_angle_deg` and `match_scale` in
 # the table `[tie_points]` of a plan.
 
-
 # %%
-def matched(plan, angle_deg, scale):
-    """The plan with a matcher that knows a point again only from nearly the same place."""
-    limits = {"match_angle_deg": angle_deg, "match_scale": scale}
-    return replace(plan, tie_points=replace(plan.tie_points, **limits))
-
-
 measured = corridor.adjust(corridor.read("../data_synthetic/dike"))
 like = corridor.diagnosis.counterpart(measured, seed)
-three = matched(dike.plan([NADIR, OBLIQUE, HEIGHTS], tilt_deg), 25.0, 1.5)
+three = dike.matched(dike.plan([NADIR, OBLIQUE, HEIGHTS], tilt_deg), 25.0, 1.5)
 drawings.multiplicity(
     {
         "the shipped dike, a simulated block": measured.start,
@@ -168,31 +154,25 @@ compare({"simulation.perfect.check_rms": 1e9 * exact.check_rms.d3})
 # The article holds the whole camera; the thesis holds f and frees the other nine parameters. Where
 # does the error go? Guess which flight suffers more: nadir images at two heights, or nadir and
 # oblique images. And does it help to free the rest?
+#
+# Every case is flown with several seeds and adjusted ten times. That takes minutes, so the numbers
+# of each draw stand in `notebooks/draws` (`python -m kit.draws` makes them again); one draw of each
+# study is made here and compared with the one that is kept.
 
 # %%
-sets = {
-    "nadir + oblique": [NADIR, OBLIQUE],
-    "nadir, three heights": [NADIR, HEIGHTS],
-    "all": [NADIR, OBLIQUE, HEIGHTS],
-}
-errors = np.array([-50, -10, 0, 10, 50])
-held = {"camera held": "fixed", "f held": ALL_BUT_F}
-rms = {word: {name: [] for name in sets} for word in held}
-rise, freed = ({name: [] for name in sets} for _ in range(2))
-for s in seeds:
-    for name, flights in sets.items():
-        block = flown(flights, seed=s)
-        height = np.array(list(block.truth["centre"].values()))[:, 2].mean()
-        for word, camera in held.items():
-            found = [adjusted(believed(block, e), camera=camera) for e in errors]
-            rms[word][name].append([100 * h.check_rms.d3 for h in found])
-            if word == "camera held":
-                rise[name].append([100 * (h.centre[:, 2].mean() - height) for h in found])
-        free = corridor.adjust(believed(block, 50), camera="fraser10", control=[])
-        off = abs(free.camera.set_index("parameter").value["f"] - 5489)
-        freed[name].append([off, 1e6 * lay_on_control(free).check_rms.d3])
-rms = {word: {k: np.array(v) for k, v in table.items()} for word, table in rms.items()}
-rise, freed = ({k: np.array(v) for k, v in table.items()} for table in (rise, freed))
+sets, errors = dike.SETS, np.array(dike.F_PX)
+focal = {name: pd.DataFrame([dike.FOCAL.of(name, tilt_deg, s) for s in seeds]) for name in sets}
+print(dike.FOCAL.again("nadir + oblique", tilt_deg, seed))
+
+
+def by_error(words):
+    """A row a seed, a column an error of f, by the set of flights."""
+    return {name: mine[[f"{words} {e}" for e in errors]].to_numpy() for name, mine in focal.items()}
+
+
+rms = {word: by_error(word) for word in dike.HELD}
+rise = by_error("rise")
+freed = {name: mine[["freed f (1e-6 px)", "freed (um)"]].to_numpy() for name, mine in focal.items()}
 
 # %%
 figures.curves(
@@ -234,7 +214,7 @@ alone = adjusted(believed(block, 50), camera="fixed").centre[:, 2].mean() - heig
 print(
     f"nadir only: cameras rise {100 * alone:.1f} cm, H df / f is {100 * height * 50 / 5489:.1f} cm"
 )
-print(f"f freed: off by less than 1e-4 px: {max(v[:, 0].max() for v in freed.values()) < 1e-4}")
+print(f"f freed: off by less than 1e-4 px: {max(v[:, 0].max() for v in freed.values()) < 100}")
 
 # %% [markdown]
 # The angle of the oblique images is not printed, and it decides: the article's 3.5 cm for 50 px
@@ -273,27 +253,16 @@ compare(
 # estimates one f for all. Guess: does the order of the flights matter?
 
 # %%
-orders = {
-    "vt": [NADIR],
-    "ob": [OBLIQUE],
-    "vt_ob": [NADIR, OBLIQUE],
-    "ob_vt": [OBLIQUE, NADIR],
-    "vt_3070": [NADIR, HEIGHTS],
-    "vt_ob_3070": [NADIR, OBLIQUE, HEIGHTS],
-    "ob_vt_3070": [OBLIQUE, NADIR, HEIGHTS],
-    "vt_3070_ob": [NADIR, HEIGHTS, OBLIQUE],
-}
-drift = {"focal_drift": {"rate": drift_px / dike.INTERVAL_S}}
-drifted = {name: [] for name in orders}
-focal = []
-for s in seeds:
-    for name, flights in orders.items():
-        result = corridor.adjust(flown(flights, drift, seed=s), camera="fraser10", control=[])
-        laid = lay_on_control(result)
-        drifted[name].append([100 * np.array(laid.check_rms), 100 * np.array(laid.check_std)])
-        if len(flights) == 3:
-            focal.append(abs(result.camera.set_index("parameter").value["f"] - 5489))
-drifted = {name: np.array(values) for name, values in drifted.items()}
+shown = ("rms", "std")
+drifted, focal = {}, []
+for order, flights in dike.ORDERS.items():
+    mine = pd.DataFrame([dike.DRIFT.of(order, tilt_deg, drift_px, s) for s in seeds])
+    drifted[order] = np.stack(
+        [mine[[f"{what} {part}" for part in dike.PARTS]].to_numpy() for what in shown], axis=1
+    )
+    if len(flights) == 3:
+        focal += mine["f off (px)"].tolist()
+print(dike.DRIFT.again("vt_ob", tilt_deg, drift_px, seed))
 worst = max(np.median(v[:, 0, 2]) for v in drifted.values())
 print(f"largest 3D RMS of the eight cases (median of the seeds): {10 * worst:.0f} mm")
 
@@ -334,23 +303,35 @@ compare(ours)
 # you would add to make the error smaller.
 
 # %%
-rolled = {
-    (motion, case): [
-        dike.read_out(dike.plan(flights, tilt_deg), s, readout_s, motion) for s in seeds
-    ]
-    for motion in ("translation", "rotation")
-    for case, flights in cases.items()
-}
+readout_ms = round(1000 * readout_s, 3)
 
-# %%
+
+def rolled(case, motion="translation", velocity="true", way=dike.AS_FLOWN, ms=readout_ms, of=seeds):
+    """Errors of the check points with a rolling shutter, a row a draw."""
+    head = case, way, motion, velocity, tilt_deg, ms
+    return pd.DataFrame([dike.SHUTTER.of(*head, s) for s in of])
+
+
+def maps(motion):
+    """Errors of the check points of the draw nearest to the medians, flown again."""
+    found = {}
+    for case, flights in cases.items():
+        middle = seeds[dike.middle(rolled(case, motion))]
+        result = dike.read_out(dike.plan(flights, tilt_deg), middle, readout_s, motion)
+        head = case, dike.AS_FLOWN, motion, "true", tilt_deg, readout_ms, middle
+        print(dike.SHUTTER.again(*head, made=dike.spread(result)))
+        found[names[case]] = result.check_points
+    return found
+
+
 figures.error_maps(
-    {names[c]: dike.middle(rolled["translation", c]).check_points for c in cases},
+    maps("translation"),
     "rolling shutter, the drone moves: two heights make it worst (median draw)",
 )
 
 # %%
 figures.error_maps(
-    {names[c]: dike.middle(rolled["rotation", c]).check_points for c in cases},
+    maps("rotation"),
     "rolling shutter, the drone turns: millimetres and less (median draw)",
 )
 
@@ -374,28 +355,25 @@ figures.error_maps(
 images = 113
 rows = {}
 # The shift of a row is speed by time: a share of the speed is a share of the readout.
-for speed in (3.0, 1.0, 0.3, 0.1):
-    found = [
-        dike.read_out(
-            dike.plan(cases["d"], tilt_deg), s, readout_s * speed / 3.0, "translation"
-        ).check_rms
-        for s in list(seeds)[:2]
-    ]
+for speed, ms in dike.SPEEDS.items():
+    found = rolled("d", ms=round(ms * readout_s / dike.READOUT_S, 3), of=seeds[:2])["rms 3d"]
     minutes = images * dike.INTERVAL_S / 60 if speed == 3.0 else images * (dike.INTERVAL_S + 5) / 60
     rows[f"{speed:g} m/s at the exposure"] = [
-        10 * np.median([100 * f.d3 for f in found]).round(2), round(minutes)
+        10 * np.median(found).round(2), round(minutes)
     ]  # fmt: skip
 pd.DataFrame(rows, index=["3D RMS (mm)", "flight (min)"]).T
 
 # %%
-statistics = {
-    key: np.array([100 * np.array([r.check_rms, r.check_std]) for r in results])
-    for key, results in rolled.items()
-}
-ours = {}
-for (motion, case), values in statistics.items():
-    for k, part in enumerate(("xy", "z", "3d")):
-        ours[f"simulation.shutter.{motion}.{case}.{part}"] = Draws(values[:, :, k])
+ours, statistics = {}, {}
+for motion in ("translation", "rotation"):
+    for case in cases:
+        mine = rolled(case, motion)
+        for part in dike.PARTS:
+            both = mine[[f"rms {part}", f"std {part}"]].to_numpy()
+            ours[f"simulation.shutter.{motion}.{case}.{part}"] = Draws(both)
+        statistics[motion, case] = np.stack(
+            [mine[[f"{what} {part}" for part in dike.PARTS]].to_numpy() for what in shown], axis=1
+        )
 moved = {case: statistics["translation", case][:, 0] for case in cases}
 turned = {case: statistics["rotation", case][:, 0] for case in cases}
 ours["simulation.shutter.stretch"] = Draws(
@@ -419,44 +397,30 @@ compare(ours)
 # %%
 sigmas = np.array([1, 10, 40] if fast else [1, 2, 5, 10, 20, 40])
 many = 5 if fast else 8
-groups = {
-    "all flights": [NADIR, OBLIQUE, HEIGHTS],
-    "nadir only": [NADIR, HEIGHTS],
-    "oblique only": [OBLIQUE],
+groups = dike.GROUPS
+columns = [f"rms {part}" for part in dike.PARTS]
+columns += [f"{p} off (px)" for p in dike.LENS] + [f"sigma of {p} (px)" for p in dike.LENS]
+noisy = {
+    (name, sigma): pd.DataFrame(
+        [dike.NOISE.of(name, tilt_deg, sigma, seed + draw) for draw in range(many)]
+    )[columns].to_numpy()
+    for name in groups
+    for sigma in sigmas
 }
-noisy = {}
-for name, flights in groups.items():
-    plan = dike.plan(flights, tilt_deg)
-    plan = replace(plan, tie_points=replace(plan.tie_points, per_image=200))
-    block = corridor.simulation.perfect_block(plan, seed)
-    for sigma in sigmas:
-        for draw in range(many):
-            noise = corridor.simulation.add_noise(
-                block, tie_px=sigma, mark_px=sigma, seed=seed + draw
-            )
-            result = corridor.adjust(noise, camera="fraser8", control=[])
-            lens = result.camera.set_index("parameter")
-            noisy.setdefault((name, sigma), []).append(
-                [
-                    *(100 * np.array(lay_on_control(result).check_rms)),
-                    *lens.value[["f", "cx", "cy"]],
-                    *lens.sigma[["f", "cx", "cy"]],
-                ]
-            )
-noisy = {key: np.array(values) for key, values in noisy.items()}
+print(dike.NOISE.again("all flights", tilt_deg, 10, seed))
 
 # %%
 truth = perfect.truth["camera"]["camlight"]
 figures.estimates(
-    {f"{p} (px)": noisy["all flights", 10][:, 3 + k] for k, p in enumerate(("f", "cx", "cy"))},
-    {f"{p} (px)": truth[p] for p in ("f", "cx", "cy")},
+    {f"{p} (px)": truth[p] + noisy["all flights", 10][:, 3 + k] for k, p in enumerate(dike.LENS)},
+    {f"{p} (px)": truth[p] for p in dike.LENS},
     "estimates with 10 px of noise, all flights, scatter about the truth",
     f"{many} draws, mean and standard deviation above; the dashed line is the truth",
 )
 
 # %%
-for k, p in enumerate(("f", "cx", "cy")):
-    off = {s: noisy["all flights", s][:, 3 + k].mean() - truth[p] for s in (1, 10)}
+for k, p in enumerate(dike.LENS):
+    off = {s: noisy["all flights", s][:, 3 + k].mean() for s in (1, 10)}
     error = noisy["all flights", 10][:, 6 + k].mean() / np.sqrt(many)
     print(
         f"mean of {p}: {off[10] / error:+.1f} standard errors from the truth; "
@@ -579,11 +543,9 @@ explore(
 # %%
 rows = []
 for tilt in (15.0, 30.0) if fast else (15.0, 16.5, 23.0, 30.0):
-    for word, camera in held.items():
+    for word in dike.HELD:
         cost = {
-            name: adjusted(
-                believed(corridor.simulate(dike.plan(sets[name], tilt), seed=seed), 50), camera
-            ).check_rms.d3
+            name: dike.FOCAL.of(name, tilt, seed)[f"{word} 50"] / 100
             for name in ("nadir + oblique", "all")
         }
         both, every = cost["nadir + oblique"], cost["all"]
@@ -596,10 +558,12 @@ pd.DataFrame(rows, columns=columns).round(2)
 # 0.13, 0.02 (50vt), 1.07, 0.14, 0.05 (50vt + 3070vt) and 0.03, 0.04, 0.05 (50ob):
 
 # %%
-tried = {
-    name: dike.processings(orders[key], seed, tilt_deg)
-    for name, key in {"50vt": "vt", "50vt + 3070vt": "vt_3070", "50ob": "ob"}.items()
-}
+tried = {}
+for name, order in {"50vt": "vt", "50vt + 3070vt": "vt_3070", "50ob": "ob"}.items():
+    numbers = pd.Series(dike.PROCESSINGS.of(order, tilt_deg, seed))
+    numbers.index = pd.MultiIndex.from_tuples([key.split(": ") for key in numbers.index])
+    tried[name] = numbers.unstack(sort=False)
+print(dike.PROCESSINGS.again("vt", tilt_deg, seed))
 pd.concat(tried, axis=1).round(2)
 
 # %% [markdown]
@@ -615,15 +579,10 @@ pd.concat(tried, axis=1).round(2)
 
 
 # %%
-def centimetres(case, tilt=tilt_deg, matcher=(None, None), velocity="true", **changes):
+def centimetres(case, **options):
     """Median over the seeds of the horizontal and the height RMS, as text."""
-    plan = matched(dike.plan(cases[case], tilt, **changes), *matcher)
-    found = [
-        dike.read_out(plan, s, readout_s, "translation", velocity).check_rms
-        for s in list(seeds)[: 1 if fast else 3]
-    ]
-    xy, z = 100 * np.median([(f.xy, f.z) for f in found], axis=0)
-    return f"{xy:.1f} / {z:.1f}"
+    found = rolled(case, of=seeds[: 1 if fast else 3], **options)
+    return " / ".join(f"{found[f'rms {part}'].median():.1f}" for part in ("xy", "z"))
 
 
 published = {"a": "1.4 / 2.6", "b": "18.2 / 5.4", "c": "1.4 / 2.5", "d": "6.9 / 0.7"}
@@ -649,23 +608,10 @@ pd.DataFrame(rows).T
 # %% [markdown]
 # **Section 4**, which way the drone flies and looks, and what the matcher ties:
 
-# %% tags=["nbval-ignore-output"]
-# A heading kept to and fro is so weak that its half metre differs from run to run.
-ways = {
-    "turned, to and fro": {},
-    "turned, to and fro, 30 deg": {"tilt": 30.0},
-    "turned, one way": {"direction": "same"},
-    "heading kept, to and fro": {"heading": "kept"},
-    "heading kept, one way": {"heading": "kept", "direction": "same"},
-    "turned, matched to a scale of 1.5": {"matcher": (25.0, 1.5)},
-    "turned, matched to a scale of 1.2": {"matcher": (15.0, 1.2)},
-    "turned, yaw jitter of 2 deg": {"attitude_jitter_deg": (1.2, 1.2, 2.0)},
-}
-if fast:
-    ways = dict(list(ways.items())[:3])
+# %%
 rows = {
-    words: {names[case]: centimetres(case, **change) for case in cases}
-    for words, change in ways.items()
+    way: {names[case]: centimetres(case, way=way) for case in cases}
+    for way in list(dike.WAYS)[: 3 if fast else None]
 }
 rows["published, table 4.3"] = {names[case]: published[case] for case in cases}
 pd.DataFrame(rows).T
@@ -686,39 +632,11 @@ pd.DataFrame(rows).T
 # dike, whose lens is Fraser's, and the levee of chapter 5 without its effect, whose lens is not.
 # Everybody starts with a lens without distortion; the last line of each starts as calibrated.
 
-
 # %%
-def without_distortion(block):
-    """The block as somebody believes it who knows nothing of its lens."""
-    block = block.copy()
-    nothing = dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), 0.0)
-    block.cameras = {name: c.with_values(**nothing) for name, c in block.cameras.items()}
-    return block
-
-
-levee = corridor.read("../data_synthetic/stories/levee_twin")
-starts = {
-    "dike, lens unknown": without_distortion(measured.start),
-    "levee, lens unknown": without_distortion(levee),
-    "levee, as calibrated": levee,
-}
-if fast:
-    del starts["levee, lens unknown"]
-models = {
-    "Fraser, 10": {"camera": "fraser10"},
-    "Ebner, 12": {"camera": "f,cx,cy", "effects": [PolynomialCamera(2)]},
-    "Gruen, 44": {"camera": "f,cx,cy", "effects": [PolynomialCamera(4)]},
-}
-rows = {}
-for where, block in starts.items():
-    for model, options in models.items():
-        found = corridor.adjust(block, strict=True, **options)
-        rms = [1000 * value for value in (found.check_rms.xy, found.check_rms.z)]
-        rows[where, model] = [found.observations.loc["tie", "rms_px"], *rms]
-columns = ["tie residuals (px)", "horizontal (mm)", "height (mm)"]
-pd.DataFrame.from_dict(rows, orient="index", columns=columns).round(
-    dict(zip(columns, (2, 1, 1), strict=True))
-)
+both = [(start, model) for start in numerical.STARTS for model in numerical.MODELS]
+print(numerical.TABLE.again("levee, as calibrated", "Fraser, 10"))
+found = numerical.TABLE.some(both).set_axis(pd.MultiIndex.from_tuples(both))
+found.round({"tie residuals (px)": 2, "horizontal (mm)": 1, "height (mm)": 1})
 
 # %% [markdown]
 # Ebner's camera was made for lenses that a laboratory had corrected already: a radial distortion is

@@ -201,10 +201,10 @@ for (name, n), expected in biased.items():
 #
 # The planner's numbers are expectations. What single campaigns make of it: eight of s2 and sixteen
 # of s1, with the bias, adjusted with weights as stated, as the thesis did. (The draws stand in
-# `notebooks/arms.csv`; `python -m kit.arms` makes them.) Median and range:
+# `notebooks/draws`; `python -m kit.draws` makes them.) Median and range:
 
 # %%
-draws = arms.read()
+draws = arms.TABLE.read()
 flown = {name: arms.some(draws, name) for name in sets}
 pd.DataFrame(
     [

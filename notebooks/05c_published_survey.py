@@ -46,7 +46,7 @@ published_register = published.read()
 # RMS of a dozen check points lie from the median of such draws before something is missing?
 
 # %%
-flights = viabon.read()
+flights = viabon.TABLE.read()
 planned = {key: viabon.some(flights, key) for key in viabon.SURVEYS}
 rows16 = viabon.CONFIGURATIONS
 drawings.beside_published(

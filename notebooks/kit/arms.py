@@ -1,14 +1,8 @@
-"""The dike's flights (Zhou 2019, table 5.3) flown again: lever arms, and heights of check points.
-
-`notebooks/arms.csv` holds the draws; `python -m kit.arms` makes those that it lacks.
-"""
+"""The dike's flights (Zhou 2019, table 5.3) flown again: lever arms, heights of check points."""
 
 from __future__ import annotations
 
-import argparse
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -16,9 +10,9 @@ from scipy import stats
 
 import corridor
 from corridor.core.simulation import Plan, read_plan
+from kit.draws import Table
 from kit.published import Draws
 
-TABLE = Path(__file__).resolve().parents[1] / "arms.csv"
 NADIR, OBLIQUE, HEIGHTS, SINGLE = (
     f"thesis_{name}" for name in ("s2_n50", "s2_o50", "s2_n3070", "s1_n50")
 )
@@ -39,11 +33,6 @@ PLANNED = [
 COLUMNS = ["flights", "tilt_deg", "noise", "seed"]
 
 
-def read(table: Path = TABLE) -> pd.DataFrame:
-    """All draws: flights, tilt_deg, noise, seed, and `arm_1`, `oblique_1`, `height_1` ... in cm."""
-    return pd.read_csv(table)
-
-
 def some(draws: pd.DataFrame, flights: str, tilt_deg=TILT_DEG, noise=NOISE) -> pd.DataFrame:
     """The draws of one set of flights."""
     mine = draws[draws["flights"] == flights]
@@ -62,8 +51,9 @@ def plan_of(flights: str, tilt_deg: float = TILT_DEG, noise: float = NOISE) -> P
 
 
 def draw(flights: str, tilt_deg: float, noise: float, seed: int) -> dict[str, float]:
-    """One row of the table, made now. By the number of control points, cm: lever arm z of the nadir
-    flight and of the oblique one, in the sense of the thesis (theta = -a), RMS and mean of heights.
+    """One draw. By the number of control points, cm: lever arm z of the nadir flight and of the
+    oblique one (`arm_1`, `oblique_1`), in the sense of the thesis (theta = -a), RMS and mean of
+    heights.
     """
     plan = plan_of(flights, tilt_deg, noise)
     bias = {"gnss_bias": dict(zip("xyz", BIAS_M, strict=True))}
@@ -80,7 +70,7 @@ def draw(flights: str, tilt_deg: float, noise: float, seed: int) -> dict[str, fl
         for what, ending in (("arm", "n50"), ("oblique", "o50")):
             row |= {f"{what}_{n}": z for flight, z in arm.items() if flight.endswith(ending)}
         row |= {f"height_{n}": 100 * found.check_rms.z, f"mean_{n}": 100 * found.check_mean.z}
-    return {name: round(float(value), 2) for name, value in row.items()}
+    return row
 
 
 def chance(draws: pd.DataFrame, published: dict[str, float]) -> float:
@@ -98,24 +88,4 @@ def of_both(draws: pd.DataFrame, control: int) -> Draws:
     return Draws(draws[names].dropna(axis=1).to_numpy(float))
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Fly and adjust the draws that the table lacks, and write it."""
-    parser = argparse.ArgumentParser(prog="python -m kit.arms", description=main.__doc__)
-    parser.add_argument("--again", action="store_true", help="make all draws anew")
-    options = parser.parse_args(arguments)
-    kept = pd.DataFrame(columns=COLUMNS) if options.again or not TABLE.exists() else read()
-    done = set(kept[COLUMNS].itertuples(index=False, name=None))
-    for head in PLANNED:
-        if head in done:
-            continue
-        print("{}: tilt {} deg, noise {}, seed {}".format(*head), flush=True)
-        row = dict(zip(COLUMNS, head, strict=True)) | draw(*head)
-        # Written after each: who interrupts goes on from there.
-        kept = pd.concat([kept, pd.DataFrame([row])]).sort_values(COLUMNS)
-        kept.to_csv(TABLE, index=False, lineterminator="\n")
-    print(f"{TABLE}: {len(kept)} draws")
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+TABLE = Table("arms", COLUMNS, PLANNED, draw, decimals=2)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pandas as pd
@@ -14,6 +15,7 @@ from corridor.core.block import Block
 from corridor.core.camera import undistort
 from corridor.core.geometry import rotation_from_quaternion, similarity
 from corridor.core.simulation import Plan, read_plan
+from kit.draws import Table
 
 NADIR, OBLIQUE, HEIGHTS = "thesis_50vt", "thesis_50ob", "thesis_3070vt"
 # Tie points an image. The thesis's 800 take three times as long; what is asked for here is in all
@@ -22,6 +24,13 @@ TIES = 300
 # An image every 2.5 s, also from strip to strip and flight to flight, as the source counts.
 DRIFT_PX, INTERVAL_S = 0.0275, 2.5
 ALL_BUT_F = "cx,cy,k1,k2,k3,p1,p2,b1,b2"
+CASES = {
+    "a": [NADIR],
+    "b": [NADIR, HEIGHTS],
+    "c": [NADIR, OBLIQUE],
+    "d": [NADIR, HEIGHTS, OBLIQUE],
+}
+TILT_DEG, READOUT_S, SEEDS = 23.0, 0.050, 5  # as chapter 1 has them
 
 
 def plan(flights: Iterable[str], tilt_deg: float | None = None, **changes) -> Plan:
@@ -40,6 +49,12 @@ def adjusted(block: Block, camera: str = "fraser10") -> AbsoluteOrientation:
     Strictly: nothing that contradicts the rest is left out, for here it is what is asked for.
     """
     return lay_on_control(corridor.adjust(block, camera=camera, control=[], strict=True))
+
+
+def matched(flown: Plan, angle_deg: float, scale: float) -> Plan:
+    """The plan with a matcher that knows a point again only from nearly the same place."""
+    limits = {"match_angle_deg": angle_deg, "match_scale": scale}
+    return replace(flown, tie_points=replace(flown.tie_points, **limits))
 
 
 def believed(block: Block, error: float) -> Block:
@@ -74,10 +89,10 @@ def read_out(
     return adjusted(corridor.effects.add(block, {"rolling_shutter": {"readout": readout_s}}))
 
 
-def middle(results: list[AbsoluteOrientation]) -> AbsoluteOrientation:
-    """The draw nearest to the medians of horizontal and height RMS, which the tables show."""
-    logs = np.log([[r.check_rms.xy, r.check_rms.z] for r in results])
-    return results[int(np.argmin(np.abs(logs - np.median(logs, axis=0)).max(axis=1)))]
+def middle(draws: pd.DataFrame) -> int:
+    """Which draw is nearest to the medians of horizontal and height RMS."""
+    logs = np.log(draws[["rms xy", "rms z"]].to_numpy())
+    return int(np.argmin(np.abs(logs - np.median(logs, axis=0)).max(axis=1)))
 
 
 def processings(flights: list[str], seed: int, tilt_deg: float) -> pd.DataFrame:
@@ -156,3 +171,171 @@ def _errors(adjustment: Adjustment, laid) -> np.ndarray:
     off = 100 * (laid(found.to_numpy()) - ground.loc[found.index].to_numpy())
     horizontal = np.sqrt(np.mean((off[:, :2] ** 2).sum(axis=1)))
     return np.array([off[:, 2].mean(), off[:, 2].std(ddof=1), horizontal])
+
+
+# --- draws, kept ---------------------------------------------------------------------------------
+
+PARTS = ("xy", "z", "3d")
+SETS = {
+    "nadir + oblique": [NADIR, OBLIQUE],
+    "nadir, three heights": [NADIR, HEIGHTS],
+    "all": [NADIR, OBLIQUE, HEIGHTS],
+}
+F_PX = (-50, -10, 0, 10, 50)
+HELD = {"camera held": "fixed", "f held": ALL_BUT_F}
+
+
+def _focal(flights, tilt_deg, seed):
+    """A focal length that is wrong, held: 3D RMS and mean rise of the cameras (cm); freed."""
+    block = corridor.simulate(plan(SETS[flights], tilt_deg), seed=seed)
+    height = np.array(list(block.truth["centre"].values()))[:, 2].mean()
+    numbers = {}
+    for word, camera in HELD.items():
+        for error in F_PX:
+            found = adjusted(believed(block, error), camera)
+            numbers[f"{word} {error}"] = 100 * found.check_rms.d3
+            if word == "camera held":
+                numbers[f"rise {error}"] = 100 * (found.centre[:, 2].mean() - height)
+    free = corridor.adjust(believed(block, 50), camera="fraser10", control=[])
+    true = block.truth["camera"]["camlight"]["f"]
+    # In millionths: what is left is rounding of the last digits.
+    numbers["freed f (1e-6 px)"] = 1e6 * abs(free.camera.set_index("parameter").value["f"] - true)
+    return numbers | {"freed (um)": 1e6 * lay_on_control(free).check_rms.d3}
+
+
+ORDERS = {
+    "vt": [NADIR],
+    "ob": [OBLIQUE],
+    "vt_ob": [NADIR, OBLIQUE],
+    "ob_vt": [OBLIQUE, NADIR],
+    "vt_3070": [NADIR, HEIGHTS],
+    "vt_ob_3070": [NADIR, OBLIQUE, HEIGHTS],
+    "ob_vt_3070": [OBLIQUE, NADIR, HEIGHTS],
+    "vt_3070_ob": [NADIR, HEIGHTS, OBLIQUE],
+}
+
+
+def spread(result: AbsoluteOrientation) -> dict[str, float]:
+    """RMS and STD of check points, cm."""
+    return {
+        f"{what} {part}": 100 * value
+        for what, values in (("rms", result.check_rms), ("std", result.check_std))
+        for part, value in zip(PARTS, values, strict=True)
+    }
+
+
+def _drift(order, tilt_deg, drift_px, seed):
+    """A focal length that drifts, one f estimated: RMS and STD, error of f."""
+    drift = {"focal_drift": {"rate": drift_px / INTERVAL_S}}
+    block = corridor.simulate(plan(ORDERS[order], tilt_deg), drift, seed=seed)
+    result = corridor.adjust(block, camera="fraser10", control=[])
+    off = abs(
+        result.camera.set_index("parameter").value["f"] - block.truth["camera"]["camlight"]["f"]
+    )
+    return spread(lay_on_control(result)) | {"f off (px)": off}
+
+
+# How the dike may have been flown, looked at and matched: what the source does not print.
+WAYS = {
+    "turned, to and fro": {},
+    "turned, to and fro, 30 deg": {"tilt_deg": 30.0},
+    "turned, one way": {"direction": "same"},
+    "heading kept, to and fro": {"heading": "kept"},
+    "heading kept, one way": {"heading": "kept", "direction": "same"},
+    "turned, matched to a scale of 1.5": {"matcher": (25.0, 1.5)},
+    "turned, matched to a scale of 1.2": {"matcher": (15.0, 1.2)},
+    "turned, yaw jitter of 2 deg": {"attitude_jitter_deg": (1.2, 1.2, 2.0)},
+}
+AS_FLOWN = next(iter(WAYS))
+
+
+def flown_in(case: str, way: str = AS_FLOWN, tilt_deg: float = TILT_DEG) -> Plan:
+    """The plan of one of `CASES` in one of `WAYS`."""
+    changes = {"tilt_deg": tilt_deg} | WAYS[way]
+    matcher = changes.pop("matcher", None)
+    made = plan(CASES[case], **changes)
+    return matched(made, *matcher) if matcher else made
+
+
+def _shutter(case, way, motion, velocity, tilt_deg, readout_ms, seed):
+    """A rolling shutter on top of a perfect block: RMS and STD, cm."""
+    made = flown_in(case, way, tilt_deg)
+    return spread(read_out(made, seed, readout_ms / 1000, motion, velocity))
+
+
+GROUPS = {
+    "all flights": [NADIR, OBLIQUE, HEIGHTS],
+    "nadir only": [NADIR, HEIGHTS],
+    "oblique only": [OBLIQUE],
+}
+LENS = ("f", "cx", "cy")
+NOISE_PX = (1, 2, 5, 10, 20, 40)
+
+
+def _noise(group, tilt_deg, noise_px, seed):
+    """Gaussian noise on a block (always the same): RMS (cm), errors and sigmas of f, cx, cy."""
+    block = _perfect(group, tilt_deg)
+    noisy = corridor.simulation.add_noise(block, tie_px=noise_px, mark_px=noise_px, seed=seed)
+    result = corridor.adjust(noisy, camera="fraser8", control=[])
+    lens, true = result.camera.set_index("parameter"), block.cameras["camlight"]
+    rms = zip(PARTS, lay_on_control(result).check_rms, strict=True)
+    return (
+        {f"rms {part}": 100 * value for part, value in rms}
+        | {f"{p} off (px)": lens.value[p] - true[p] for p in LENS}
+        | {f"sigma of {p} (px)": lens.sigma[p] for p in LENS}
+    )
+
+
+@lru_cache(maxsize=1)
+def _perfect(group, tilt_deg):
+    flights = plan(GROUPS[group], tilt_deg)
+    flights = replace(flights, tie_points=replace(flights.tie_points, per_image=200))
+    return corridor.simulation.perfect_block(flights, 0)
+
+
+FOCAL = Table(
+    "dike_focal", ("flights", "tilt_deg", "seed"),
+    [(flights, TILT_DEG, seed) for flights in SETS for seed in range(SEEDS)]
+    + [(name, tilt, 0) for name in ("nadir + oblique", "all") for tilt in (15.0, 16.5, 30.0)],
+    _focal, least=1e-3,
+)  # fmt: skip
+DRIFT = Table(
+    "dike_drift", ("order", "tilt_deg", "drift_px", "seed"),
+    [(order, TILT_DEG, DRIFT_PX, seed) for order in ORDERS for seed in range(SEEDS)],
+    _drift,
+)  # fmt: skip
+# Speeds at the exposure, m/s: the shift of a row is speed by time, so that a share of the speed is
+# one of the readout.
+SPEEDS = {3.0: 1000 * READOUT_S, 1.0: 16.667, 0.3: 5.0, 0.1: 1.667}
+VELOCITIES = ("true", "next image", "next image of the strip")
+SHUTTER = Table(
+    "dike_shutter", ("case", "way", "motion", "velocity", "tilt_deg", "readout_ms", "seed"),
+    list(dict.fromkeys(
+        (case, way, motion, velocity, TILT_DEG, readout_ms, seed)
+        for way, motion, velocity, readout_ms, cases, count in (
+            *((AS_FLOWN, motion, "true", SPEEDS[3.0], CASES, SEEDS)
+              for motion in ("translation", "rotation")),
+            *((AS_FLOWN, "translation", "true", ms, "d", 2) for ms in SPEEDS.values()),
+            *((AS_FLOWN, "translation", rule, SPEEDS[3.0], CASES, 3) for rule in VELOCITIES),
+            *((way, "translation", "true", SPEEDS[3.0], CASES, 3) for way in WAYS),
+        )
+        for case in cases
+        for seed in range(count)
+    )),
+    _shutter,
+)  # fmt: skip
+NOISE = Table(
+    "dike_noise", ("flights", "tilt_deg", "noise_px", "seed"),
+    [(group, TILT_DEG, px, seed) for group in GROUPS for px in NOISE_PX for seed in range(8)],
+    _noise,
+)  # fmt: skip
+PROCESSINGS = Table(
+    "dike_processings", ("order", "tilt_deg", "seed"),
+    [(order, TILT_DEG, 0) for order in ("vt", "vt_3070", "ob")],
+    lambda order, tilt_deg, seed: {
+        f"{way}: {part}": value
+        for way, row in processings(ORDERS[order], seed, tilt_deg).iterrows()
+        for part, value in row.items()
+    },
+    least=1e-3,
+)  # fmt: skip

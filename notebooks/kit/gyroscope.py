@@ -150,20 +150,21 @@ def axis_assignments() -> list[np.ndarray]:
 
 
 def cost_of(
-    block: Block, effect: str, delays: Sequence[float] = (0.0,), loss: str = "huber:4"
-) -> float:
+    block: Block, effect: str, delays: Sequence[float] = (0.0,), loss: str = "huber:4",
+    iterations: int = 40,
+) -> float:  # fmt: skip
     """Lowest cost of an adjustment with an effect of motion, camera held, over start delays (s).
 
     For comparing what is believed of a gyroscope's axes or of the row direction: wrong beliefs
     have many shallow minima, so the delay starts from several values. Costs are of the
-    same measurements, as they are stated.
+    same measurements, as they are stated. iterations: at most, of each.
     """
     costs, model = [], Model(camera="fixed", effects=[effect], loss=loss, lever_arm="fixed")
     for delay in delays:
         shifted = block.copy()
         shifted.rates = block.rates.assign(time_s=block.rates["time_s"] - delay)
         try:
-            found = refit(shifted, model, Run(max_iterations=40))
+            found = refit(shifted, model, Run(max_iterations=iterations))
         except (AdjustmentFailed, InputError):
             # Without a readout a delay cannot be determined: that belief explains nothing.
             continue

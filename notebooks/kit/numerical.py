@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.polynomial.legendre import legvander2d
 
+import corridor
+from corridor.core.block import Block
 from corridor.core.effects.contract import LinearEffect, Parameter
+from kit.draws import Table
 
 
 class PolynomialCamera(LinearEffect):
@@ -47,3 +52,46 @@ class PolynomialCamera(LinearEffect):
         along += [*rest, *(zero for _ in rest)]
         across += [*(zero for _ in rest), *rest]
         return np.stack([np.column_stack(along), np.column_stack(across)], axis=1)
+
+
+MODELS = {
+    "Fraser, 10": {"camera": "fraser10"},
+    "Ebner, 12": {"camera": "f,cx,cy", "effects": [PolynomialCamera(2)]},
+    "Gruen, 44": {"camera": "f,cx,cy", "effects": [PolynomialCamera(4)]},
+}
+_BLOCKS = Path(__file__).resolve().parents[2] / "data_synthetic"
+
+
+def _without_distortion(block: Block) -> Block:
+    """The block as somebody believes it who knows nothing of its lens."""
+    block = block.copy()
+    nothing = dict.fromkeys(("k1", "k2", "k3", "p1", "p2"), 0.0)
+    block.cameras = {name: c.with_values(**nothing) for name, c in block.cameras.items()}
+    return block
+
+
+STARTS = {
+    "dike, lens unknown": lambda: _without_distortion(
+        corridor.adjust(corridor.read(_BLOCKS / "dike")).start
+    ),
+    "levee, lens unknown": lambda: _without_distortion(
+        corridor.read(_BLOCKS / "stories" / "levee_twin")
+    ),
+    "levee, as calibrated": lambda: corridor.read(_BLOCKS / "stories" / "levee_twin"),
+}
+
+
+def _adjusted(start, model):
+    """Residuals of the tie points, and RMS of the check points."""
+    found = corridor.adjust(STARTS[start](), strict=True, **MODELS[model])
+    return {
+        "tie residuals (px)": found.observations.loc["tie", "rms_px"],
+        "horizontal (mm)": 1000 * found.check_rms.xy,
+        "height (mm)": 1000 * found.check_rms.z,
+    }
+
+
+TABLE = Table(
+    "cameras", ("start", "model"), [(start, model) for start in STARTS for model in MODELS],
+    _adjusted,
+)  # fmt: skip

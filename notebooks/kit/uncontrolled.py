@@ -13,6 +13,7 @@ from corridor.core.camera import Camera
 from corridor.core.geometry import quaternion_from_rotation, rotation_from_vector
 from corridor.core.simulation import Flight, Ground, Noise, Plan, TiePoints, cameras
 from corridor.planning import Planner
+from kit.draws import Table
 
 # What is free, and what the drone's drawing says: the antenna.
 KNOWN = {"camera": "fraser8", "lever_arm": "fixed"}
@@ -78,24 +79,50 @@ def expected(plan: Plan) -> pd.Series:
     return pd.Series([*rms, found.transfer[2]], index=["x", "y", "z", "bias"])
 
 
-def draws(
-    plan: Plan, seeds, effects: Callable[[np.random.Generator], Mapping] | None = None
-) -> pd.DataFrame:
-    """Simulated and adjusted, a row a seed: RMS of check points (cm), errors of f and height.
+def two_strips() -> dict[str, Plan]:
+    """Two strips of 300 m at 50 m, and what may be added to them."""
+    two, stated = flown(strips("two")), {"sigma_m": 0.001, "sigma_deg": 0.02}
+    return {
+        "two nadir strips": two,
+        "+ a strip at 70 m": flown(strips("two"), strips("high", 1, 70.0)),
+        "+ a strip looking ahead": flown(strips("two"), strips("oblique", 1, tilt_deg=25.0)),
+        "+ attitudes to 0.05°": flown(strips("two"), attitude=0.05),
+        "+ attitudes to 0.003°": flown(strips("two"), attitude=0.003),
+        "head, mounting known": with_head(two, 30.0, AHEAD, **stated),
+        "head, mounting unknown": with_head(two, 30.0, AHEAD),
+    }
 
-    effects: of a draw, what the lens or the camera does that the model does not know.
+
+def five_strips() -> dict[str, Plan]:
+    """Five strips at 100 m with the RTK of Štroner et al., and five more that look ahead."""
+    rtk = replace(NOISE, gnss_m=(0.015, 0.015, 0.03))
+    more = {"camera": "small", "forward": 0.75, "offsets_m": tuple(40.0 * np.arange(-2.0, 3.0))}
+    nadir, ahead = (strips(f"tilt {t:g}", 5, 100.0, tilt_deg=t, **more) for t in (0.0, 30.0))
+    return {
+        "nadir": flown(nadir, noise=rtk),
+        "nadir and 30° ahead": flown(nadir, ahead, noise=rtk),
+    }
+
+
+EVEN, UNEVEN = "noise alone", "and an uneven lens"
+
+
+def _draw(way, lens, seed):
+    """Simulated and adjusted: RMS of check points (cm), errors of f and height.
+
+    lens: `EVEN`, or `UNEVEN`, with a deformation of its own in every draw.
     """
-    rows = []
-    for seed in seeds:
-        hidden = None if effects is None else effects(np.random.default_rng(seed))
-        block = corridor.simulate(plan, hidden, seed=seed)
-        block.lever_arm = {flight.name: flight.lever_arm_m for flight in plan.flights}
-        found = corridor.adjust(block, control=[], **KNOWN)
-        off = found.check_points[["dx", "dy", "dz"]].to_numpy()
-        true = plan.camera(plan.flights[0])["f"]
-        rms = 100 * np.sqrt(np.mean(off**2, axis=0))
-        rows.append([*rms, found.camera["value"].iloc[0] - true, 100 * off[:, 2].mean()])
-    return pd.DataFrame(rows, columns=["x", "y", "z", "f off (px)", "height off (cm)"])
+    plan = (two_strips() | five_strips())[way]
+    hidden = uneven(plan)(np.random.default_rng(seed)) if lens == UNEVEN else None
+    block = corridor.simulate(plan, hidden, seed=seed)
+    block.lever_arm = {flight.name: flight.lever_arm_m for flight in plan.flights}
+    found = corridor.adjust(block, control=[], **KNOWN)
+    off = found.check_points[["dx", "dy", "dz"]].to_numpy()
+    true = plan.camera(plan.flights[0])["f"]
+    return dict(zip("xyz", 100 * np.sqrt(np.mean(off**2, axis=0)), strict=True)) | {
+        "f off (px)": found.camera["value"].iloc[0] - true,
+        "height off (cm)": 100 * off[:, 2].mean(),
+    }
 
 
 def uneven(plan: Plan) -> Callable[[np.random.Generator], Mapping]:
@@ -126,3 +153,11 @@ def _known(plan):
     block = corridor.simulation.add_noise(block, noise=plan.noise, seed=0)
     block.lever_arm = {flight.name: flight.lever_arm_m for flight in plan.flights}
     return block
+
+
+TABLE = Table(
+    "uncontrolled", ("way", "lens", "seed"),
+    [(way, EVEN, seed) for way in two_strips() for seed in range(20)]
+    + [(way, lens, seed) for way in five_strips() for lens in (EVEN, UNEVEN) for seed in range(30)],
+    _draw,
+)  # fmt: skip

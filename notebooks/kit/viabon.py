@@ -2,18 +2,14 @@
 
 The published RMS of check points are the measurement. Each candidate cause has one amount. Many
 simulated surveys say how the RMS spread at every amount, and from that follows how likely the
-published values are (synthetic likelihood, Wood 2010). `notebooks/viabon.csv` holds the draws;
-`python -m kit.viabon` makes them again.
+published values are (synthetic likelihood, Wood 2010).
 """
 
 from __future__ import annotations
 
-import argparse
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -24,10 +20,10 @@ from corridor.core.block import Block
 from corridor.core.errors import InputError
 from corridor.core.simulation import read_plan
 from kit import published
+from kit.draws import Table
 from kit.published import Draws, Verdict
-from kit.table_7_3 import CAMERAS, Configurations, configurations
+from kit.table_7_3 import CAMERAS, Configurations, configurations, in_pairs
 
-TABLE = Path(__file__).resolve().parents[1] / "viabon.csv"
 READOUT_S = 0.0564  # section 7.4.2.1
 # Tie points an image: a choice of ours, since what MicMac's reduction leaves is not printed. Errors
 # depend on it less than on the draw (chapter 4, appendix). Dataset 3 has fewer, for its 648 images.
@@ -194,13 +190,8 @@ MEASURES = [f"{what}_{part}" for part in ("xy", "z", "3d") for what in ("rms", "
 COLUMNS = ["survey", "ties", "cause", "amount", "seed"]
 
 
-def read(table: Path = TABLE) -> pd.DataFrame:
-    """All draws: survey, ties, cause, amount, seed, and `c-8p-GCP1 rms_z` ... in cm."""
-    return pd.read_csv(table)
-
-
 def draw(survey: str, cause: str, amount: float, seed: int) -> dict[str, float]:
-    """One row of the table, made now; with a motion of each image where `PER_IMAGE` says so."""
+    """One draw, cm; with a motion of each image where `PER_IMAGE` says so."""
     block = flown(survey, seed, None, cause, amount)
     tables = [processed(block).table]
     cameras = PER_IMAGE.get((survey, cause, amount))
@@ -208,7 +199,7 @@ def draw(survey: str, cause: str, amount: float, seed: int) -> dict[str, float]:
         moving = processed(block, per_image="motion_per_image", cameras=cameras, corrected={})
         tables.append(moving.table.filter(like="m-", axis=0))
     return {
-        f"{row} {measure}": round(float(table.loc[row, measure]), 2)
+        f"{row} {measure}": float(table.loc[row, measure])
         for table in tables
         for row in table.index
         for measure in MEASURES
@@ -296,7 +287,7 @@ def judge(
     """
     mine = draws[draws["survey"] == survey]
     if not (mine["cause"] == cause).any():
-        raise InputError(f"viabon.csv has no draw of {cause} in {survey}: python -m kit.viabon")
+        raise InputError(f"viabon.csv has no draw of {cause} in {survey}: python -m kit.draws")
     left, amounts, means, weight = [], [], [], []
     for (name, amount), group in mine.groupby(["cause", "amount"]):
         logs = np.log(rms(group, statistics))
@@ -507,42 +498,61 @@ PER_IMAGE = {(survey, NOTHING, 0.0): CAMERAS for survey in ("d1", "d2", "d4")} |
     {"8p": CAMERAS["8p"]},
 )  # fmt: skip
 
-
-def missing(draws: pd.DataFrame) -> list[tuple]:
-    """Planned draws that are not among these, or without a motion of each image."""
-    kept = draws.set_index(COLUMNS)
-    names = {camera: f"m-{camera}-GCP1 rms_3d" for camera in CAMERAS}
-    there = kept.reindex(columns=list(names.values())).notna()
-    moved = {camera: set(kept.index[there[name]]) for camera, name in names.items()}
-    heads = [
-        (survey, TIES_OF.get(survey, TIES), cause, amount, seed)
-        for survey, cause, amount, seed in PLANNED
-    ]
-    return [
-        head
-        for head in heads
-        if head not in kept.index
-        or any(head not in moved[c] for c in PER_IMAGE.get((head[0], *head[2:4]), ()))
-    ]
+TABLE = Table(
+    "viabon", COLUMNS, [(s, TIES_OF.get(s, TIES), *rest) for s, *rest in PLANNED],
+    lambda survey, _, *rest: draw(survey, *rest), decimals=2,
+)  # fmt: skip
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Fly and adjust the draws that the table lacks, and write it; an hour of two cores for all."""
-    parser = argparse.ArgumentParser(prog="python -m kit.viabon", description=main.__doc__)
-    parser.add_argument("--again", action="store_true", help="make all draws anew")
-    options = parser.parse_args(arguments)
-    kept = pd.DataFrame(columns=COLUMNS) if options.again or not TABLE.exists() else read()
-    for head in missing(kept):
-        survey, _, cause, amount, seed = head
-        print(f"{survey}: {cause} {amount:g}, seed {seed}", flush=True)
-        row = dict(zip(COLUMNS, head, strict=True)) | draw(survey, cause, amount, seed)
-        # Written after each: who interrupts goes on from there.
-        kept = pd.concat([kept, pd.DataFrame([row])]).drop_duplicates(COLUMNS, keep="last")
-        kept = kept.sort_values(COLUMNS)
-        kept.to_csv(TABLE, index=False, float_format="%.10g", lineterminator="\n")
-    print(f"{TABLE}: {len(kept)} draws")
-    return 0
+def _with_priors(times, seed):
+    """The corridor with a motion of each image that has priors: gain of the 3D RMS, %.
+
+    times: how many times 5 m/s and 0.3 deg/s an axis the priors are wide.
+    """
+    block = flown("d4", seed)
+    at = corridor.effects.find("motion_per_image").parameters(block)
+    found = processed(
+        block, per_image="motion_per_image", cameras={"8p": "fraser8"}, corrected={},
+        priors={f"motion_per_image.{p.name}": (0.0, times * p.scale) for p in at},
+    ).table  # fmt: skip
+    return {f"gain {k}": found.loc[f"m-8p-GCP{k}", "gain"] for k in (1, 2)}
 
 
-if __name__ == "__main__":
-    sys.exit(main())
+# How the oblique flight of dataset 3 may have been flown.
+OBLIQUE_WAYS = {
+    "30 deg, 7.8 m/s": {"tilt_deg": 30.0},
+    "30 deg, 3.9 m/s": {"tilt_deg": 30.0, "interval_s": 4.0},
+    "30 deg, 1.9 m/s": {"tilt_deg": 30.0, "interval_s": 8.2},
+    "30 deg, ahead and back in turns": {"tilt_deg": 30.0, "look": "alternating"},
+    "30 deg, sideways": {"tilt_deg": 30.0, "look": "sideways"},
+    "30 deg, all strips one way": {"tilt_deg": 30.0, "direction": "same"},
+    "30 deg, heading kept": {"tilt_deg": 30.0, "heading": "kept"},
+    "15 deg, 7.8 m/s": {"tilt_deg": 15.0},
+}
+
+
+def _oblique(way, seed):
+    """Dataset 3 as read out, control set 1: RMS of the check points, cm."""
+    three = read_plan(SURVEYS["d3"][0])
+    flights = (
+        replace(f, **OBLIQUE_WAYS[way]) if f.tilt_deg else f for f in three.flights
+    )  # fmt: skip
+    thin = replace(three.tie_points, per_image=40)
+    block = joined(
+        corridor.simulate(replace(three, flights=tuple(flights), tie_points=thin), seed=seed)
+    )
+    control, check = in_pairs(block.ground["point"].tolist())
+    numbers = {}
+    for name, camera in CAMERAS.items():
+        rms = corridor.adjust(
+            block, camera=camera, control=control, check=check, strict=True
+        ).check_rms
+        numbers |= {f"{name}, horizontal (cm)": 100 * rms.xy, f"{name}, height (cm)": 100 * rms.z}
+    return numbers
+
+
+PRIORS = Table(
+    "viabon_priors", ("times", "seed"), [(times, seed) for times in (1, 10) for seed in range(8)],
+    _with_priors,
+)  # fmt: skip
+OBLIQUE = Table("viabon_oblique", ("way", "seed"), [(way, 0) for way in OBLIQUE_WAYS], _oblique)
