@@ -7,6 +7,7 @@ python run.py lesson             the bicycle wheel as a page for a browser; with
                                  every phone in the room
 python run.py test               style, import contract, tests and the first notebook
 python run.py test --all         the long tests and every notebook as well
+python run.py test --night       these and what takes longest: whole flights, rates of many draws
 python run.py site               build the documentation into out/site
 
 The first run makes the folder .venv beside this file and installs into it the versions
@@ -231,8 +232,11 @@ def lesson(options):
 def test(options=()):
     """Everything that is checked, cheapest first; stops at the first that fails."""
     os.chdir(ROOT)
-    whole = "--all" in options
-    chosen = ("notebooks",) if whole else ("notebooks/00_quickstart.ipynb", "-m", "not slow")
+    chosen = {
+        (): ("notebooks/00_quickstart.ipynb", "-m", "not slow"),
+        ("--all",): ("notebooks", "-m", "not night"),
+        ("--night",): ("notebooks",),
+    }[tuple(options)]
     python = set_up(["dev"])
     scripts = python.parent
     for title, command in (
@@ -261,7 +265,7 @@ def main(arguments):
         if arguments[:1] in (["-h"], ["--help"]):
             say(__doc__.strip())
             return 0
-        if arguments[:1] == ["test"] and set(arguments[1:]) <= {"--all"}:
+        if arguments[:1] == ["test"] and arguments[1:] in ([], ["--all"], ["--night"]):
             return test(arguments[1:])
         if arguments[:1] == ["lesson"]:
             return lesson(arguments[1:])

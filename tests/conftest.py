@@ -56,6 +56,9 @@ def pytest_make_collect_report(collector):
 SECONDS = set((Path(__file__).parent / "seconds.txt").read_text(encoding="utf-8").splitlines())
 if os.environ.get("CORRIDOR_SECONDS") == "0":
     SECONDS = set()
+# Names of long tests that are run by night: whole flights, rates of many draws, and the longest of
+# variants of which another one stays.
+NIGHT = set((Path(__file__).parent / "night.txt").read_text(encoding="utf-8").splitlines())
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -69,8 +72,10 @@ def pytest_collection_modifyitems(items):
     """
     long = {item.path for item in items if item.get_closest_marker("slow")}
     for item in items:
-        if item.nodeid in SECONDS:
+        if item.nodeid in SECONDS or item.nodeid in NIGHT:
             item.add_marker("slow")
+        if item.nodeid in NIGHT:
+            item.add_marker("night")
     chapters = {item.path for item in items if item.path.suffix == ".ipynb"}
     # The longest, so that none is left to be the last; and programs of two threads (`test_batch`
     # comes later) beside chapters, which have one.

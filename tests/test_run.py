@@ -5,6 +5,7 @@ import importlib.util
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -181,3 +182,29 @@ class TestAnotherPython:
         run.UNFINISHED.touch()
         run.set_up(["dev"])
         assert not run.UNFINISHED.exists() and len(installed) == 1
+
+
+@pytest.mark.parametrize("options", [(), ("--all",), ("--night",)])
+def test_every_form_of_the_tests_runs_more_than_the_one_before(run, monkeypatch, options):
+    started = []
+    done = SimpleNamespace(returncode=0)
+    monkeypatch.setattr(run, "set_up", lambda extras: Path("venv/bin/python"))
+    monkeypatch.setattr(run.subprocess, "run", lambda command, **_: started.append(command) or done)
+    monkeypatch.chdir(run.ROOT)
+    assert run.main(["test", *options]) == 0
+    words = started[-1]
+    assert ("not slow" in words, "not night" in words) == (not options, options == ("--all",))
+    assert ("notebooks" in words) == bool(options)
+
+
+@pytest.mark.parametrize("name", ["seconds", "night"])
+def test_lists_of_long_tests_name_tests_that_are_there(run, name):
+    """A renamed test would run with the short ones, and nobody would know."""
+    named = (run.ROOT / "tests" / f"{name}.txt").read_text(encoding="utf-8").splitlines()
+    gone = []
+    for line in named:
+        file, *_, test = line.split("[")[0].split("::")
+        path = run.ROOT / file
+        if not path.is_file() or f"def {test}(" not in path.read_text(encoding="utf-8"):
+            gone.append(line)
+    assert named and not gone
