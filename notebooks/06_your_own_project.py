@@ -15,13 +15,14 @@
 # %% [markdown]
 # # My project is in another program: what does the diagnosis say of it?
 #
-# Nobody types a block by hand. You have a project of COLMAP, OpenSfM or OpenDroneMap, Metashape,
-# MicMac, Pix4D or an older program, and want to know **what its camera did that its model does not
-# know, and to go on in that program with corrected measurements.**
+# You have a project of COLMAP, OpenSfM or OpenDroneMap, Metashape, MicMac, Pix4D or an older
+# program. **What did its camera do that its model does not know? And how do you go on in that
+# program with corrected measurements?**
 #
-# Formats are full of traps, and a wrong guess looks like a bad camera. So the first question is
-# another one: **was the project understood?** Here no import is believed. Each one is proved: the
-# points it brought go through the poses and the camera it brought, and must meet the observations.
+# Every format has conventions that are easily misread, and an import that misreads one looks like a
+# bad camera. So the first question is: **was the project understood?** Every import is proved here.
+# The imported points are projected with the imported poses and camera, and the result must agree
+# with the observations.
 #
 # You need to know what a bundle adjustment is, and what distortion coefficients are.
 # *Run time on one core: about 20 seconds; in the fast form about 20 seconds.*
@@ -47,9 +48,9 @@ out = Path(out)
 # %% [markdown]
 # ## A flight, and what another program makes of it
 #
-# The dike of the quickstart, flown with a rolling shutter of 30 ms. The other program knows no
-# rolling shutter: it adjusts the block with eight camera parameters, is content with what comes
-# out, and saves its project. (We let `adjust` play that program, and export what it believes.)
+# The dike of the quickstart is flown with a rolling shutter of 30 ms. The other program knows no
+# rolling shutter. It adjusts the block with eight camera parameters and saves its project. (Here
+# `adjust` takes the place of that program, and we export its result.)
 
 # %%
 plan = "../data_synthetic/dike.toml"
@@ -65,9 +66,10 @@ for form in forms:
     print(made, end="\n\n")
 
 # %% [markdown]
-# ## In again: is it proved?
+# ## Reading the project: is it proved?
 #
-# `corridor import auto PROJECT -o BLOCK` in a terminal. The format is told by the content.
+# In a terminal: `corridor import auto PROJECT -o BLOCK`. The program recognises the format by its
+# content.
 
 # %%
 rows = {}
@@ -86,7 +88,7 @@ for form in forms:
 pd.DataFrame(rows).T
 
 # %% [markdown]
-# A block like any other, now: what is in it, and where did the camera look?
+# The project is now a block. What is in it, and where did the camera look?
 
 # %%
 corridor.figures.first_look(interchange.read_project(out / "colmap").block)
@@ -94,8 +96,9 @@ corridor.figures.first_look(interchange.read_project(out / "colmap").block)
 # %% [markdown]
 # ## And if a convention had been taken the wrong way?
 #
-# Guess first: half a pixel of origin, p1 and p2 in the other order. Would you see it in a residual
-# of half a pixel? We put each usual mistake into the good COLMAP project and ask the proof.
+# Guess first: would you see an error of half a pixel in the origin, or p1 and p2 in the wrong
+# order, where the residuals are half a pixel? We put each usual mistake into the good COLMAP
+# project, and see what the proof says.
 
 # %%
 good = interchange.read_project(out / "colmap").block
@@ -128,13 +131,13 @@ for mistake in (half_a_pixel, exchanged, transposed, upwards):
     print(f"{mistake.__name__}: {proof.main.median:.2f} px median, {proof.verdict}\n   {said}\n")
 
 # %% [markdown]
-# The first two leave less than a pixel, which many would take for a mediocre camera. They are
-# named all the same: an adjusted project has no mean residual of half a pixel, and no other order
-# of p1 and p2 fits it better than its own.
+# The first two leave less than a pixel, which could pass for a mediocre camera. The proof names
+# them all the same. The mean residual of an adjusted project is not half a pixel, and its own order
+# of p1 and p2 fits better than any other.
 #
 # ## Real projects, by other authors
 #
-# They are not part of the project; where they are not, this cell says so.
+# They are not part of the project; where they are missing, this cell says so.
 
 # %% tags=["nbval-ignore-output"]
 data = DATA / "interchange"
@@ -174,9 +177,9 @@ else:
 # %% [markdown]
 # ## From the project to a verdict
 #
-# COLMAP and MicMac know neither time nor antenna: what the drone's log has beside the project is
-# joined by image name. (With photographs: `--photos FOLDER`; with a receiver's track: `--track
-# FILE`.) Then the question is asked: what is missing?
+# COLMAP and MicMac store neither times nor antenna positions. These are in the log of the drone,
+# and are joined by the names of the images. (With photographs: `--photos FOLDER`; with a receiver's
+# track: `--track FILE`.) Then we ask the diagnosis: what is missing?
 
 # %%
 log = flown.images.set_index("image")[["time_s", "vx", "vy", "vz", "wx", "wy", "wz", "flight"]]
@@ -197,11 +200,11 @@ for form in ("colmap",) if fast else ("colmap", "opensfm", "micmac"):
 # %% [markdown]
 # ## And back: measurements that the other program understands
 #
-# The named effect is estimated with the camera, taken out of the measurements, and the project
-# written again. COLMAP holds no b1, b2 and no shutter; the corrected export needs neither.
+# The named effect is estimated together with the camera and taken out of the measurements. Then the
+# project is written again. COLMAP has no b1, b2 and no shutter; the corrected export needs neither.
 #
-# `corridor adjust BLOCK --camera fraser10 --effect rolling_shutter -o OUT`, then
-# `corridor export colmap OUT -o PROJECT --corrected`.
+# `corridor adjust BLOCK --camera fraser10 --effect rolling_shutter -o OUT`, then `corridor export
+# colmap OUT -o PROJECT --corrected`.
 
 # %%
 block = corridor.read(out / "colmap_block")
@@ -219,9 +222,9 @@ for name in ("colmap", "back"):
     print(f"{name}: {interchange.prove(interchange.read_project(out / name)).main}")
 
 # %% [markdown]
-# The blind program had taken the shutter up in its poses and points as far as it could.
-# What was written back fits its own camera to the noise of the measurements, which is 0.4 px an
-# axis (0.57 px in length, less what poses and points take up).
+# In the first project, poses and points had absorbed the shutter as far as they could. The
+# corrected project fits its own camera to the noise of the measurements. This noise is 0.4 px an
+# axis (0.57 px in length, less what poses and points absorb).
 #
 # ## What other programs printed, and what we find in their files
 
@@ -233,7 +236,8 @@ compare(ours, absent="the project is not here")
 #
 # - `corridor import auto PROJECT -o BLOCK`: the last lines are the proof. Above 2 px, or where a
 #   usual mistake would explain the residuals, nothing is written.
-# - Half a pixel of origin moves a mean residual by half a pixel. Adjusted projects have none, so
-#   the proof sees it; taken off camera and observations alike it cancels, and does no harm.
-# - A project without observations (cameras and poses alone) is imported, and said not to be proved.
+# - An error of half a pixel in the origin moves the mean residual by half a pixel, and the proof
+#   sees it. If it is in the camera and in the observations alike, it cancels and does no harm.
+# - A project without observations (cameras and poses alone) is imported, and the program says that
+#   it is not proved.
 # - `corridor export FORMAT OUT -o PROJECT --corrected` is the way back.

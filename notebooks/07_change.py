@@ -16,12 +16,12 @@
 # # Did the dike move, or the camera?
 #
 # A dike settles by a centimetre a year, and a drone flies over it every spring. Two clouds of
-# points are laid on each other, and the difference is drawn. **What in it is the dike?**
+# points are compared, and the difference is drawn. **How much of it is the dike?**
 #
-# A program that compares clouds says how far they are apart and how rough they are. It does not
-# know that a thousand points depend on one focal length. The adjustment knows: every point is a
-# function of the same camera, the same poses, the same control, and so the standard deviation of
-# *any* number made of points comes out exactly, errors that points share included.
+# A program that compares clouds computes how far they are apart and how rough they are. It does not
+# know that a thousand points depend on one focal length. The adjustment does: every point is a
+# function of the same camera, the same poses, the same control. So it gives the exact standard
+# deviation of *any* number computed from points, including the errors that points share.
 #
 # You need to know what a bundle adjustment is. Chapter 5 says how an effect is found in one flight.
 # *Run time on one core: about 20 seconds; in the fast form about 20 seconds.*
@@ -69,9 +69,9 @@ compare = partial(corridor.change, model=calibrated, **same)
 # %% [markdown]
 # ## 1. A settlement of 15 mm
 #
-# Two flights over the same 100 metres, a year apart. A calibrated camera, good GNSS on a
-# measured arm, forty-two photographs each, no ground control. Here is the difference, as any
-# program would show it.
+# Two flights over the same 100 metres, a year apart. The camera is calibrated, the GNSS is good,
+# and its lever arm is measured. There are forty-two photographs each, and no ground control. Here
+# is the difference, as any program would show it.
 
 # %%
 spring = without_control(flight(3))
@@ -89,28 +89,29 @@ print(f"core points that went down: {100 * np.mean(surface.distance < 0):.0f} %"
 # does that in a bad year. **Would you sign it?** Write down your probability that the ground moved,
 # before you go on.
 #
-# Now the two flights again, with the question asked.
+# Now the same two flights again. This time we also ask whether the camera can explain the
+# difference.
 
 # %% tags=["nbval-ignore-output"]
 asked = compare(spring, next_spring)
 print(corridor.change.verdict_sentence(asked))
 
 # %% [markdown]
-# Nothing moved: we made these flights, and what changed between them is the focal length, by
-# 2.4 pixels of 5,510. A camera that flies 50 m above the ground and takes its height from the GNSS
-# sees all ground at the wrong distance when its focal length is wrong. No residual shows it.
+# Nothing moved. We made these flights, and only the focal length changed between them, by 2.4
+# pixels of 5,510. The camera flies 50 m above the ground and takes its height from the GNSS. With a
+# wrong focal length it sees all ground at a wrong distance, and no residual shows it.
 #
-# The verdict is honest: the two dates cannot tell. What would?
+# The verdict says that the two dates cannot separate the two causes. What would separate them?
 
 # %% tags=["nbval-ignore-output"]
 for sentence in corridor.change.remedies(asked):
     print("-", sentence)
 
 # %% [markdown]
-# ## 2. What tells them apart
+# ## 2. What separates them
 #
-# The same two flights with five surveyed points that stand still. Now the focal length is known
-# from each flight itself. Guess: does the settlement stay?
+# The same two flights, now with five surveyed points that do not move. They make the focal length
+# known from each flight itself. Guess: does the settlement remain?
 
 # %%
 with_control = compare(flight(3), flight(4, added={"focal": {"f": -2.4}}))
@@ -122,12 +123,12 @@ shown = table[table["effect"] == "focal"][["epoch", "effect", "value", "sigma", 
 shown.round(1).reset_index(drop=True)
 
 # %% [markdown]
-# It goes, and the camera is named.
+# It disappears, and the program names the camera.
 #
-# ## 3. A settlement that is one
+# ## 3. A real settlement
 #
-# The camera behaves. A bowl of 30 mm, 30 m wide, forms under the crest. Guess: which of all the
-# core points will be called moved, and does any of the others join them by chance?
+# The camera does not change. A bowl of 30 mm, 30 m wide, forms under the crest. Guess: which of all
+# the core points will be called moved, and are any others called moved by chance?
 
 # %%
 centre = np.median(dike.points[["x", "y"]].to_numpy(float), axis=0)
@@ -140,23 +141,24 @@ print(corridor.change.verdict_sentence(found))
 figures.change_maps(found.surface)
 
 # %% [markdown]
-# Only those inside the bowl; the other colours are below the level of detection.
+# Only those inside the bowl are called moved; the other colours are below the level of detection.
 #
-# And both at once: the bowl, and a rolling shutter that nobody told us of. Will one hide the
-# other?
+# Now both at once: the bowl, and a rolling shutter that we do not know of. Will one hide the other?
 
 # %%
 both = compare(flight(3), flight(6, sunk, {"rolling_shutter": {"readout": 0.015}}))
 print(corridor.change.verdict_sentence(both))
 
 # %% [markdown]
-# Neither hides the other. With all that a camera could do, a date may lie some millimetres too high
-# or too low as a whole; what decides is that the bowl lies below the surface around it.
+# Neither hides the other. If we allow for everything that a camera could do, a date may lie some
+# millimetres too high or too low as a whole. But the bowl lies below the surface around it, and
+# this decides.
 #
 # ## 4. How sure is a number?
 #
-# The volume of the bowl, from the joint covariance of all points, and beside it what comes out
-# when cells are taken for independent, as they usually are. Guess the ratio first.
+# Here is the volume of the bowl, with its standard deviation from the joint covariance of all
+# points. Beside it is the standard deviation for independent cells, which is the usual assumption.
+# Guess the ratio first.
 
 # %%
 corners = 12.0 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) + centre
@@ -171,8 +173,8 @@ ratio = sunk_by.total / sunk_by.independent
 print(f"were the cells independent, it would be {ratio:.0f} times smaller")
 
 # %% [markdown]
-# Is the stated one true? Fly the dike at rest again and again, and look how the volume scatters.
-# From so few draws the ratio below is itself known to the number after it only.
+# Is the stated standard deviation true? We fly the dike at rest again and again, and look how the
+# volume scatters. There are few draws, so the ratio has the uncertainty that is printed after it.
 
 # %%
 draws = 4 if fast else 12
@@ -188,9 +190,9 @@ print(f"scatter over stated sigma: {scatter:.2f} +- {1 / np.sqrt(2 * draws):.2f}
 # %% [markdown]
 # ## 5. Before the flight
 #
-# The same covariance answers the first question of all: where could which change be seen? It needs
-# one flight, or a plan that nobody has flown (`corridor plan PLAN --change`). Guess: where does
-# this flight see best, and how much worse is it at its worst?
+# The same covariance says, before a flight, where which change could be seen. It needs one flight,
+# or a plan that nobody has flown (`corridor plan PLAN --change`). Guess: where does this flight see
+# best, and how much worse is it at its worst?
 
 # %%
 possible = corridor.change.detection(
@@ -202,13 +204,13 @@ print(corridor.change.detection_report(possible).opening)
 figures.detection_map(possible)
 
 # %% [markdown]
-# Best in the middle, which most photographs see, worst at the corners, which few do.
+# It sees best in the middle, which most photographs show, and worst at the corners, which few show.
 #
 # ## What to take home
 #
 # | statement | here |
 # |---|---|
-# | Without control, a settlement and a focal length look alike | not told apart, and said so |
-# | Control that stands still separates them | the camera is named |
-# | A local bowl survives every effect of the camera | the ground moved |
+# | Without control, settlement and focal length look alike | the program cannot separate them |
+# | Control that does not move separates them | the camera is named |
+# | A local bowl remains, whatever the camera does | the ground moved |
 # | Independent cells make a volume look far too sure | several times |
