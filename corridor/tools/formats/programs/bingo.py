@@ -50,6 +50,12 @@ _COMMA = re.compile(r"[+-]?\d+,\d+")
 # Keys of the two tables with their values; None: any text.
 _UNITS = {"mm": 1000.0, "um": 1.0, "px": None}
 _TURNS = {"deg": 1.0, "gon": 0.9, "rad": 180.0 / np.pi}
+# What people call them; "grad" is nearly "rad", and means gon.
+_CALLED = {
+    "grad": "gon", "grads": "gon", "grade": "gon", "grades": "gon", "gons": "gon", "degree": "deg",
+    "degrees": "deg", "radian": "rad", "radians": "rad", "µm": "um", "μm": "um", "micron": "um",
+    "microns": "um", "pixel": "px", "pixels": "px", "millimetres": "mm", "millimeters": "mm",
+}  # fmt: skip
 _ANGLES = {"omega phi kappa": "XYZ", "phi omega kappa": "YXZ"}
 _KEYS = {
     "measurements": {
@@ -108,6 +114,10 @@ def _convention(path: Path) -> dict:
             part.setdefault("unit", "deg")
         for key, allowed in keys.items():
             value = part.get(key)
+            if allowed and isinstance(value, str):
+                value = re.sub(r"[\s,_-]+", " ", value.strip().lower())
+                value = _CALLED.get(value, value) if key == "unit" else value
+                part[key] = value
             if not isinstance(value, str) or (allowed and value not in allowed):
                 which = " or ".join(f'"{one}"' for one in allowed) if allowed else "a file's name"
                 near = did_you_mean(str(value), allowed) if allowed and value else ""
@@ -169,11 +179,11 @@ def _poses(path: Path, posed: dict) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 def _words(line: Line) -> list[str]:
     """What stands in a line, between blanks or commas. Raises InputError for decimal commas."""
-    words = line.text.split()
+    words = line.text.replace('"', " ").replace(";", " ").split()
     comma = next((word for word in words[1:] if _COMMA.fullmatch(word)), None)
     if comma is not None and not any("." in word for word in words[1:]):
         raise line.wrong(f"{comma} has a decimal comma; write numbers with a decimal point")
-    return line.text.replace(",", " ").split()
+    return " ".join(words).replace(",", " ").split()
 
 
 def _views(path, measured, names, used, cameras, notes) -> Views | None:
