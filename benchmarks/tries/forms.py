@@ -303,8 +303,8 @@ CONVENTIONS = {
     "semicolons": (_OPK, "deg", "XYZ", 180 / np.pi, "mm", 0, "2,248 tie observations"),
     "cc": (_OPK, "cc", "XYZ", 2e6 / np.pi, "mm", 2, "unit is 'cc'; write"),
     "roll": ("roll pitch yaw", "deg", "XYZ", 180 / np.pi, "mm", 2, "write .omega phi kappa"),
-    "gon_as_deg": (_OPK, "deg", "XYZ", 200 / np.pi, "mm", 2, "do not reproject"),
-    "deg_as_gon": (_OPK, "gon", "XYZ", 180 / np.pi, "mm", 2, "do not reproject"),
+    "gon_as_deg": (_OPK, "deg", "XYZ", 200 / np.pi, "mm", 2, 'unit = "gon" would explain'),
+    "deg_as_gon": (_OPK, "gon", "XYZ", 180 / np.pi, "mm", 2, 'unit = "deg" would explain'),
     "clockwise": (_OPK, "deg", "XYZ", -180 / np.pi, "mm", 2, "do not reproject"),
     "f_mm": (_OPK, "deg", "XYZ", 180 / np.pi, "mm", 2, "f is in pixels, 4.29 mm are 975"),
 }  # fmt: skip

@@ -132,6 +132,26 @@ def test_a_focal_length_in_millimetres_is_named_where_nothing_reprojects(block, 
     assert "f is in pixels" in prove(read_project(folder)).refusal()
 
 
+@pytest.mark.parametrize(
+    ("meant", "said"),
+    [("omega-deg", "omega-gon"), ("phi-gon", "omega-deg"), ("phi-rad", "phi-deg")],
+)
+def test_the_angles_that_would_explain_the_points_are_named(block, tmp_path, meant, said):
+    def told(word):
+        first, unit = word.split("-")
+        return {"omega": "omega phi kappa", "phi": "phi omega kappa"}[first], unit
+
+    folder = written(
+        block,
+        tmp_path / "text",
+        ("um", "centre", "up", *told(meant)),
+        ("um", "centre", "up", *told(said)),
+    )
+    (found,) = [one for one in read_project(folder).warnings if "would explain it" in one]
+    angles, unit = told(meant)
+    assert f'angles = "{angles}" and unit = "{unit}"' in found
+
+
 def test_measured_control_becomes_marks(block, tmp_path):
     folder = written(block, tmp_path / "text", CONVENTIONS[0])
     block.ground[["point", "x", "y", "z"]].to_csv(tmp_path / "control.csv", index=False)

@@ -26,6 +26,7 @@ Pix4D exports for BINGO have it. What a file means is proved by reprojection.
 import re
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,7 @@ from corridor.core.textfile import Line, read_toml
 from corridor.tools.formats.cameras import FLIP, in_the_middle
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.project import Contents, Project, Views
+from corridor.tools.formats.rows import rows_of
 from corridor.tools.formats.textfile import filled, says_number
 
 NAME = "bingo"
@@ -45,6 +47,7 @@ TITLE = "PATB or BINGO text with convention.toml"
 
 CONVENTION = "convention.toml"
 END = "-99"
+_MISS_PX = 2.0  # above it an import is refused
 _FOCAL = 1.2  # a focal length of a calibration and a nominal one differ by less
 _COMMA = re.compile(r"[+-]?\d+,\d+")
 # Keys of the two tables with their values; None: any text.
@@ -81,6 +84,30 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     """The project of a folder. Raises InputError naming file and line."""
     folder = path if path.is_dir() else path.parent
     table = _convention(folder / CONVENTION)
+    project, posed = _read(folder, table), table["poses"]
+    if posed["angles"] not in _ANGLES or _miss(project) < _MISS_PX:
+        return project
+    for angles, unit in product(_ANGLES, _TURNS):
+        other = {**table, "poses": {**posed, "angles": angles, "unit": unit}}
+        if (left := _miss(_read(folder, other))) < _MISS_PX:
+            told = f'{CONVENTION}: [poses] angles = "{angles}" and unit = "{unit}" would explain it'
+            return project.warned(f"{told}: {left:.2f} px (median)")
+    return project
+
+
+def _miss(project: Project) -> float:
+    """By how much image points miss, px, median; infinite where most rays do not meet."""
+    if not len(project.block.tie_points):
+        return 0.0
+    with np.errstate(all="ignore"):
+        rows = rows_of(project.block, complete=False).usable()
+        length = np.linalg.norm(rows.residuals(), axis=1)
+    few = 2 * len(length) < len(project.block.tie_points)
+    return np.inf if few else float(np.median(np.nan_to_num(length, nan=np.inf)))
+
+
+def _read(folder: Path, table: dict) -> Project:
+    """The project by a convention."""
     measured, posed = table["measurements"], table["poses"]
     poses = _poses(folder / posed["file"], posed)
     names = list(poses)
