@@ -466,13 +466,14 @@ def _taken_as_one(source: str, target: str) -> bool:
     from pyproj.transformer import TransformerGroup
 
     systems = known_crs(source), known_crs(target)
-    datums = [system.geodetic_crs for system in systems]
-    if any(system.is_compound for system in systems) or not all(datums):
-        return False
-    shapes = [(one.ellipsoid.semi_major_metre, one.ellipsoid.inverse_flattening) for one in datums]
-    other = np.abs(np.subtract(shapes, _GRS80)).max() > 1e-4
-    if other or any("unknown" in one.name.lower() for one in datums):
-        return False
+    for system in systems:
+        datum = system.geodetic_crs
+        shape = datum.ellipsoid if datum else None
+        if datum is None or shape is None or system.is_compound or "unknown" in datum.name.lower():
+            return False
+        size = shape.semi_major_metre, shape.inverse_flattening
+        if np.abs(np.subtract(size, _GRS80)).max() > 1e-4:
+            return False
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         ways = TransformerGroup(*systems, always_xy=True, allow_ballpark=False)
