@@ -184,6 +184,9 @@ SPOILT = {
     "lever arm of two numbers": (
         "block.toml", "[0.0, 0.0, 0.5]", "[0.0, 0.5]", ["block.toml, row 28", "three numbers"],
     ),
+    "lever arm with a unit": (
+        "block.toml", "fixed = true", 'unit = "mm"', ["block.toml, row 29", "arms are in metres"],
+    ),
     "fixed as text": (
         "block.toml", "fixed = true", 'fixed = "yes"', ["block.toml, row 29", "true nor false"],
     ),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from benchmarks.tries.forms import FORMS
 from benchmarks.tries.running import Try
 
 _GNSS = "gnss {w}/gnss/%s --images {w}/gnss/%s -o {o}/gnss.csv"
@@ -497,4 +498,5 @@ TRIES = (
         "write rolling_shutter:readout=0.02"),
     Try("415", "adjust {w}/own -o {o}/a --effect rolling_shutter:readout=0.02", 2,
         "values are estimated here, write rolling_shutter"),
+    *FORMS,
 )  # fmt: skip

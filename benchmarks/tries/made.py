@@ -19,7 +19,7 @@ import pandas as pd
 from PIL import Image
 
 import corridor
-from benchmarks.tries import strangers
+from benchmarks.tries import forms, strangers
 from corridor.core.block import Block
 from corridor.core.camera import Camera
 from corridor.core.geometry import rotation_from_quaternion
@@ -112,6 +112,7 @@ def make(home: Path, short: bool = False) -> None:
     _series(home / "thermal")
     _strange(home, grid)
     strangers.make(home)
+    forms.make(home)
 
 
 def flight(plan: Path) -> Block:

@@ -11,7 +11,12 @@ import traceback
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from corridor.core.block import read
 from corridor.interface import cli
+
+_SAME_M = 0.002
 
 # Of no use to anybody who is not a programmer.
 _NEVER = r"Traceback|Error\(|\b(?:nan|inf) (?:m|px|mm)\b|[0-9]{9,} px|NoneType|np\.float"
@@ -21,7 +26,8 @@ _NEVER = r"Traceback|Error\(|\b(?:nan|inf) (?:m|px|mm)\b|[0-9]{9,} px|NoneType|n
 class Try:
     """number: in the newcomer's list, with a letter where it is several. words: what is typed,
     {w}: folder of the files, {o}: of the output. status: 0, 1 or 2. says, never: patterns that the
-    printed text must have, and must not have. long: left out of the short form."""
+    printed text must have, and must not have. long: left out of the short form. kind: of input,
+    for the table of forms. here: the block made has the flight's own ground points, to 2 mm."""
 
     number: str
     words: str
@@ -29,6 +35,18 @@ class Try:
     says: str = ""
     never: str = ""
     long: bool = False
+    kind: str = ""
+    here: bool = False
+
+
+def _away(made: Path, world: Path) -> float:
+    """How far, m, ground points of a block lie at most from those of the flight, in its frame."""
+    found, true = (read(folder).ground for folder in (made, world / "own"))
+    places = [
+        table.set_index("point")[["x", "y", "z"]].astype(float).reindex(true["point"])
+        for table in (found, true)
+    ]
+    return float(np.nan_to_num((places[0] - places[1]).abs().to_numpy(), nan=np.inf).max())
 
 
 @dataclass(frozen=True)
@@ -60,6 +78,8 @@ def judged(one: Try, world: Path, out: Path) -> Judged:
     for pattern in one.says.split(" & ") if one.says else ():
         if not re.search(pattern, flat, re.IGNORECASE):
             return Judged(text, f"does not say {pattern!r}")
+    if one.here and (away := _away(out / "b", world)) > _SAME_M:
+        return Judged(text, f"puts ground points {away:g} m elsewhere")
     for pattern in (_NEVER, *(one.never.split(" & ") if one.never else ())):
         found = re.search(pattern, flat)
         if found:

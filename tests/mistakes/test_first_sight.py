@@ -94,7 +94,7 @@ AT_FIRST_SIGHT = {
     ),
     "a lever arm in millimetres": (
         more("[lever_arm]\ndefault = [10.0, 20.0, 120.0]"),
-        r"lever arm of default is 122\.1 m long, longer than the flight is high",
+        r"lever arm of default is 122\.1 m long; what flies",
     ),
     "one tie point outside": (
         cell("tie_points", 40, "x", 10),

@@ -62,6 +62,9 @@ def read_settings(folder: Path) -> dict:
         raise InputError(
             f"{where('lever_arm', 'fixed')}: fixed holds no lever arm; add default = [x, y, z]"
         )
+    for key in (key for key in arms if re.search("(?i)unit|_[cm]?m$", key)):
+        told = "lever arms are in metres; write default = [x, y, z] so, and no unit"
+        raise InputError(f"{where('lever_arm', key)}: {key} is no flight: {told}")
     settings["lever_arm"] = {
         flight: _three(arm, where("lever_arm", flight), flight) for flight, arm in arms.items()
     }

@@ -39,6 +39,7 @@ _HEIGHTS = """
         AND (? - extent.west_lon + 360) % 360 <= (extent.east_lon - extent.west_lon + 360) % 360
     ORDER BY CAST(crs.code AS INTEGER) DESC
 """
+_GRS80, _AS_ONE_M = (6378137.0, 298.2572), 2.0
 _SIGMAS = (("sx", "sy", "sz"), ("svx", "svy", "svz"))
 
 
@@ -251,7 +252,7 @@ def loosely_known(lon: float, lat: float, source: str, target: str) -> str:
         way.transform(lon, lat, 0.0)
     except ProjError:  # told where points are converted
         return ""
-    known_m = way.accuracy
+    known_m = _AS_ONE_M if _taken_as_one(one, other) else way.accuracy
     if known_m < 0:
         try:
             known_m = way.get_last_used_operation().accuracy
@@ -452,6 +453,28 @@ def _between(source: str, target: str) -> pyproj.Transformer:
     import pyproj
 
     # Without these two a height system whose geoid is missing would pass silently unconverted.
+    rough = _taken_as_one(source, target)
     return pyproj.Transformer.from_crs(
-        known_crs(source), known_crs(target), always_xy=True, allow_ballpark=False, only_best=True
+        known_crs(source), known_crs(target), always_xy=True, allow_ballpark=rough, only_best=True
     )
+
+
+@lru_cache(maxsize=32)
+def _taken_as_one(source: str, target: str) -> bool:
+    """Whether PROJ knows no way between two datums about the middle of the Earth, as CGCS2000 and
+    WGS 84: their ellipsoids are one to 0.1 mm, and they are one to `_AS_ONE_M`."""
+    from pyproj.transformer import TransformerGroup
+
+    systems = known_crs(source), known_crs(target)
+    for system in systems:
+        datum = system.geodetic_crs
+        shape = datum.ellipsoid if datum else None
+        if datum is None or shape is None or system.is_compound or "unknown" in datum.name.lower():
+            return False
+        size = shape.semi_major_metre, shape.inverse_flattening
+        if np.abs(np.subtract(size, _GRS80)).max() > 1e-4:
+            return False
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)
+        ways = TransformerGroup(*systems, always_xy=True, allow_ballpark=False)
+    return not ways.transformers and not ways.unavailable_operations

@@ -60,6 +60,9 @@ _HOTTEST_C, _HOTTEST_F, _OTHER_LENGTH = 85.0, 185.0, 0.2
 # Units that lengths are given in by mistake, m; a ratio this near to theirs is taken for it.
 UNITS_M = {"feet": _FOOT_M, "centimetres": 1e-2, "millimetres": 1e-3, "kilometres": 1e3}
 _OF_UNIT = 0.02
+# Drones, which fly below a height, and aircraft carry an antenna no farther from the camera.
+_OF_DRONES_M, _LONGEST_ARM_M = 150.0, (2.5, 15.0)
+_LEAST_UNIT_PX = 5.0  # of marks that are not in pixels
 # Axes that coordinates are given in by mistake: their order and signs.
 AXES = (
     ("x and y exchanged", [1, 0, 2], [1, 1, 1]),
@@ -173,10 +176,12 @@ def _settings(block: Block) -> Iterator[str]:
     above, below = (z[np.isfinite(z)] for z in heights)
     for name, arm in block.lever_arm.items() if len(above) and len(below) else ():
         high = float(np.median(above) - np.median(below))
-        if (length := float(np.linalg.norm(arm))) > high > 0:
+        longest = _LONGEST_ARM_M[high > _OF_DRONES_M]
+        if (length := float(np.linalg.norm(arm))) > longest and high > 0:
             yield (
-                f"block.toml: the lever arm of {name} is {length:.4g} m long, longer than the "
-                f"flight is high ({high:.0f} m): lever arms are in metres."
+                f"block.toml: the lever arm of {name} is {length:.4g} m long; what flies "
+                f"{high:.0f} m above the ground is not so large: lever arms are in metres, "
+                f"{length:.4g} mm are {length / 1000:.4g}."
             )
 
 
@@ -448,7 +453,11 @@ def _marks_of_other_pictures(block: Block) -> Iterator[str]:
     factor = float(np.median(measured / there))
     off = np.median(np.linalg.norm(measured - there, axis=1))
     left = np.median(np.linalg.norm(measured - factor * there, axis=1))
+    # A factor that takes whatever is there to the corner leaves marks where they are.
+    if left > _OF_RESIZED * np.median(np.linalg.norm(measured, axis=1)):
+        left = np.inf
     for words, other in (
+        *_in_other_units(measured - 0.5, there, size),
         ("they were counted from the middle", measured + size / 2),
         ("they were counted from the middle, y upwards", size / 2 + measured * [1.0, -1.0]),
         ("y were counted upwards", np.column_stack([measured[:, 0], size[:, 1] - measured[:, 1]])),
@@ -468,9 +477,6 @@ def _marks_of_other_pictures(block: Block) -> Iterator[str]:
             return
     if not abs(np.log(max(factor, 1e-9))) > _RESIZED or left > _OF_RESIZED * off:
         return
-    # A factor that takes whatever is there to the corner leaves marks where they are.
-    if left > _OF_RESIZED * np.median(np.linalg.norm(measured, axis=1)):
-        return
     width, height = factor * size[0]
     yield (
         f"Marks lie {off:.0f} px (median) from where the start values put them, all towards the "
@@ -478,6 +484,16 @@ def _marks_of_other_pictures(block: Block) -> Iterator[str]:
         f"{width:.0f} x {height:.0f} px? Multiply x and y of marks.csv by {1 / factor:.3f}; until "
         "then they are set aside, and ground points with them."
     )
+
+
+def _in_other_units(measured: np.ndarray, there: np.ndarray, size: np.ndarray):
+    """(words, image points) of marks (n, 2) from the middle, in millimetres or shares of a side."""
+    for words, axes in (("", [1.0, 1.0]), (", y upwards", [1.0, -1.0])):
+        turned, goal = measured * axes, there - size / 2
+        unit = float((turned * goal).sum() / (turned**2).sum())
+        if unit > _LEAST_UNIT_PX:
+            told = f"1 were {unit:.4g} px (millimetres, or a share of the width?)"
+            yield f"they were counted from the middle{words}, and {told}", size / 2 + unit * turned
 
 
 # --- positions --------------------------------------------------------------------------------

@@ -26,11 +26,14 @@ from corridor.tools.formats.textfile import filled
 _WORDS = {
     "point": "point name id label pt gcp pointid pointname marker no nr number nummer punkt "
     "punktnummer pnr p pid station gcpname gcplabel pointnumber targetname target nom nome nombre "
-    "punto",
-    "x": "x e east easting eastings rechtswert rechts ost est este xeasting eastingx xe",
-    "y": "y n north northing northings hochwert hoch nord norte ynorthing northingy yn",
+    "punto ponto vertice piste pontszam cislobodu nazwa nazwapunktu nrpunktu noktano punktnavn pnt",
+    "x": "x e east easting eastings rechtswert rechts ost est este xeasting eastingx xe "
+    "abscisse wschod itae kelet oest oestlig saga",
+    "y": "y n north northing northings hochwert hoch nord norte ynorthing northingy yn "
+    "ordonnee polnoc pohjoinen eszak nordlig yukari",
     "z": "z h height elevation elev el ele alt altitude hoehe u up zaltitude ht quota cota hoogte "
-    "hoehen zelevation nn nhn nap naphoogte hauteur altura altezza cotaz",
+    "hoehen zelevation nn nhn nap naphoogte hauteur altura altezza cotaz "
+    "vyska wysokosc korkeus hoejd hoeyde magassag kot",
     "lon": "lon long lng longitude laenge xlongitude longitud longitudine",
     "lat": "lat latitude breite ylatitude latitud latitudine",
     "sx": "sx seast se xm",
@@ -48,21 +51,23 @@ _WORDS = {
 }
 _COLUMN = {word: column for column, words in _WORDS.items() for word in words.split()}
 # What a receiver's program writes beside such a word, and it stays the same column.
-_BESIDE = "(?:wgs84|etrs89|grid|local|[ck]oord(?:inate|inaat|inata|onnee)?|"
-_BESIDE += "ell(?:ip(?:s(?:oid(?:al)?)?)?)?|orth?om?(?:etric[ao]?)?)*"
+_BESIDE = "(?:wgs84|etrs89|utm|gps|pos|gcp|grid|local|[ck]oord(?:inate|inaat|inata|onnee)?|"
+_BESIDE += "(?:ell(?:ip)?|elip)(?:s(?:oid(?:ale?)?)?)?|orth?om?(?:etric[ao]?)?)*"
 _SPREAD = "sigma|stdev|stddev|std|sd|accuracy|acc|precision|prec|rms|cq"
 _AXES = {"sx": "x", "sy": "y", "sz": "z vertical vert vt v 1d", "sxyz": " xyz",
          "sxy": "xy horizontal horz hz lateral 2d"}  # fmt: skip
-# An axis that stands in brackets behind another letter, as "X (N)".
-_AXIS = {"n": "y", "north": "y", "northing": "y", "e": "x", "east": "x", "easting": "x"}
-# Letters that are written otherwise; of Japanese plane coordinates X is north.
-_PLAIN = ("ö=oe ä=ae ü=ue σ=sigma ß=ss 点名=name 点番号=name x座標=north y座標=east 標高=height "
-          "楕円体高=ellipsoidalheight 緯度=lat 経度=lon 点号=name 北坐标=north "
-          "东坐标=east 高程=height 纬度=lat 经度=lon имя=name номер=no северная=north "
-          "восточная=east высота=height")  # fmt: skip
+# Letters that are written otherwise; in East Asia X of plane coordinates is north.
+_PLAIN = ("ö=oe ä=ae ü=ue ø=oe ł=l ı=i σημείο=name ανατολικά=east βόρεια=north υψόμετρο=height "
+          "σ=sigma ß=ss 점번호=name 점명=name x좌표=north y좌표=east 북=north 동=east "
+          "표고=height 위도=lat 경도=lon x坐标=north y坐标=east 大地高h=ellipsoidalheight "
+          "大地高=ellipsoidalheight 纬度b=lat 经度l=lon 点名=name 点番号=name x座標=north "
+          "y座標=east 標高=height 楕円体高=ellipsoidalheight 緯度=lat 経度=lon 点号=name "
+          "北坐标=north 东坐标=east 高程=height 纬度=lat 经度=lon имя=name номер=no "
+          "северная=north восточная=east высота=height")  # fmt: skip
 _PLACE = ("x", "y", "z")
 _UNITS = ("(us|intl?|international|survey|us?survey)?(s?ft|feet|foot)(us|int)?", "[cdkm]m",
           "(centi|deci|kilo|milli)met(er|re)s?")  # fmt: skip
+_UNIT = re.compile(rf"(?i)(.+?)[_\s]+({'|'.join(_UNITS)}|m|met(?:er|re)s?|deg|°)")
 _UNIT_M = {"mm": 1e-3, "milli": 1e-3, "cm": 1e-2, "centi": 1e-2, "dm": 0.1, "deci": 0.1,
            "km": 1e3, "kilo": 1e3, "f": 0.3048}  # fmt: skip
 # Degrees, or with minutes and seconds; the half of the Earth before or after.
@@ -74,7 +79,9 @@ _OFF = ("0", "false", "no")
 _ROLE = {"gcp": "control", "controlpoint": "control", "checkpoint": "check", "3dgcp": "control"}
 # A semicolon is none: before it a cell may be empty.
 _COMMENTS = ("#", "%", "//")
-_SEPARATORS = "\t;,"
+_SEPARATORS = "\t;,|"
+# What programs write where there is no coordinate.
+_NOTHING = (-9999.0, -99999.0, -32768.0, -32767.0)
 # So many points of a map, whose coordinates are this large, are not all at whole decimetres.
 _LEAST_ROWS, _OF_A_MAP, _COARSE_M = 3, 1e4, 0.1
 _DOS_END = "\x1a \t\r\n"  # old programs end a text with a character
@@ -106,7 +113,7 @@ def read_text(path: Path, exact: bool = False) -> Table:
     deviation of 0 says that a point is exact, as in a block; else that nobody stated one. Raises
     InputError naming file and line.
     """
-    rows, titles, header, units = [], [], None, {}
+    rows, titles, named, header, units = [], [], [], None, {}
     notes: list[str] = []
     found = [line for line in filled(path, comment=_COMMENTS) if line.text.strip(_DOS_END)]
     # Metashape begins its header with a #.
@@ -114,10 +121,14 @@ def read_text(path: Path, exact: bool = False) -> Table:
     separator = _separator(found)
     for line in found:
         cells = _cells(line, separator)
-        if rows or header is not None:
+        if not any(cell.strip("-:=") for cell in cells):
+            continue  # an empty row of a spreadsheet, or a rule
+        if header is not None and not rows and all(_UNIT.fullmatch(f"a {c or 'm'}") for c in cells):
+            units = _units([f"{name} ({unit})" for name, unit in zip(named, cells, strict=False)])
+        elif rows or header is not None:
             rows.append((line, cells))
         elif _is_whole(_columns(cells)):
-            header, units = _header(line, cells, notes), _units(cells)
+            header, units, named = _header(line, cells, notes), _units(cells), cells
         # A line with hardly a number is a header, or a title before it.
         elif sum(map(_is_place_like, cells)) < 2:
             titles.append((line, cells))
@@ -185,8 +196,11 @@ def _cells(line: Line, separator: str | None) -> list[str]:
     text = line.text.strip("\r\n")
     if separator is None:
         text = " ".join(text.split())
+    if separator == "|":
+        text = text.strip().removeprefix("|")
     cells = next(csv.reader([text], delimiter=separator or " ", skipinitialspace=True))
-    cells = [cell.strip() for cell in cells]
+    # A spreadsheet keeps a text as ="G01".
+    cells = [re.sub(r'^="(.*)"$', r"\1", cell.strip()) for cell in cells]
     while cells and not cells[-1]:
         cells.pop()
     return cells
@@ -194,6 +208,7 @@ def _cells(line: Line, separator: str | None) -> list[str]:
 
 def _number(cell: str) -> float | None:
     """The number of a cell, None where it is none; 467,312.1 (quoted) and 467'312.1 are some."""
+    cell = cell.replace("\u2212", "-")
     if re.fullmatch(r"[+-]?\d{1,3}((,\d{3})+\.\d*|(['’ \xa0\u202f]\d{3})+(\.\d*)?)", cell):
         cell = re.sub(r"[^\d.+-]", "", cell)
     try:
@@ -218,12 +233,19 @@ def _word(cell: str) -> str:
     return re.sub(r"[^a-z0-9]", "", unicodedata.normalize("NFD", text))
 
 
+def _stated(cell: str) -> tuple[str, str]:
+    """A cell of a header without its unit, and this: in brackets, or the last word, as elev_m."""
+    brackets = re.search(r"[(\[]\s*([^)\]]*?)\s*[)\]]", cell)
+    behind = None if brackets or _word(cell) in _COLUMN else _UNIT.fullmatch(cell.strip())
+    return behind.group(1, 2) if behind else (cell, brackets[1] if brackets else "")
+
+
 def _column(cell: str) -> str | None:
     """The column that a cell of a header names, by the words it is made of; None: not known."""
-    word = _word(cell)
-    axis = re.search(r"[(\[]\s*([a-z]+)\s*[)\]]", cell.lower())
-    if word in ("x", "y") and axis and axis[1] in _AXIS:
-        return _AXIS[axis[1]]
+    cell, beside = _stated(cell)
+    word, axis = _word(cell), _COLUMN.get(_word(beside))
+    if word in ("x", "y") and axis in ("x", "y"):
+        return axis  # X (N)
     if word in _COLUMN:
         return _COLUMN[word]
     spread = re.fullmatch(f"(?:{_SPREAD})(.*)|(.*?)(?:{_SPREAD})", word)
@@ -246,10 +268,10 @@ def _units(cells: list[str]) -> dict[str, str]:
     """The units that a header states in brackets, of the columns where it is none of metres."""
     found = {}
     for cell in cells:
-        stated, column = re.search(r"[(\[]([^)\]]*)[)\]]", cell), _column(cell)
-        unit = re.sub(r"[^a-z]", "", stated[1].lower()) if stated else ""
+        stated, column = _stated(cell)[1], _column(cell)
+        unit = re.sub(r"[^a-z]", "", stated.lower())
         if column and re.fullmatch("|".join(_UNITS), unit):
-            found[column] = stated[1].strip()
+            found[column] = stated
     return found
 
 
@@ -378,6 +400,11 @@ def _table(rows, columns, notes, exact) -> Table:
             )
         names.append(name)
         places.append([_coordinate(line, cells[at[key]], key) for key in keys])
+        if set(places[-1]) & set(_NOTHING) or places[-1] == [0.0, 0.0, 0.0] != places[0]:
+            raise line.wrong(
+                f"point {name} has no coordinates ({', '.join(cells[at[key]] for key in keys)}): "
+                "write them there or delete the line"
+            )
         sigmas.append(_sigmas(line, {key: _cell(cells, at[key]) for key in sigma_keys}, exact))
         roles.append(_role(line, _cell(cells, at["role"])) if "role" in at else "control")
     off = [_cell(cells, at["enabled"]).lower() in _OFF for _, cells in rows if "enabled" in at]
@@ -387,6 +414,14 @@ def _table(rows, columns, notes, exact) -> Table:
     if "role" not in at and "type" in at:
         roles = _roles_of_type([_cell(cells, at["type"]) for _, cells in rows], notes) or roles
     table = ground_table(names, np.array(places), np.array(sigmas), roles)
+    alike = (
+        pd.Series(names).str.casefold().str.replace(r"\s", "", regex=True).duplicated(keep=False)
+    )
+    if table["point"].is_unique and alike.any():
+        notes.append(
+            f"{', '.join(table['point'][alike.to_numpy()].head(4))} differ in case or blanks only: "
+            "they are several points; if they are one, delete all but one"
+        )
     return Table(table, GEOGRAPHIC if geographic else None, notes)
 
 

@@ -46,6 +46,8 @@ _SAME_PLACE_M, _ATTITUDE_RAD, _BESIDE = 0.01, 0.09, 2.0
 _TWO_POSITIONS_M = 1.0
 # By so many times the assumed standard deviation positions scatter about a way that fits.
 _SCATTERS = 2.0
+# A stated focal length this many sigmas from that of a project is contradicted.
+_CONTRADICTED = 5.0
 # A drone that takes no picture for so long, and for so many times the usual, has landed between:
 # batteries are changed in some minutes, and the next line is begun in less.
 _LANDED_S, _LANDED = 300.0, 20.0
@@ -457,12 +459,17 @@ def _with_focal(project, photos):
         if camera.calibrated or stated is None:
             continue
         # A statement that the pictures contradict is as good as it is contradicted.
-        sigma = max(stated.sigma_px, abs((measured or stated.px) - stated.px))
+        own = measured or camera["f"]
+        away = abs(own - stated.px)
+        contradicted = project.form != "photos" and away > _CONTRADICTED * stated.sigma_px
+        sigma = max(stated.sigma_px, away if measured or contradicted else 0.0)
         extra["f_stated"] = [round(stated.px, 2), round(sigma, 2)]
         cameras[camera.name] = replace(camera, extra=extra)
         notes.append(
             f"camera {camera.name}: f stated {stated.px:.0f} +- {sigma:.0f} px "
             f"({stated.of}), a prior where f is estimated (f_stated in block.toml)"
+            + f"; the project has {own:.0f} px, so it is as good as that"
+            * contradicted
         )
     return project.having(notes=notes, cameras=cameras)
 

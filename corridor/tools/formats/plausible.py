@@ -11,6 +11,7 @@ import numpy as np
 from corridor.core.block import Block
 from corridor.core.errors import InputError
 from corridor.core.gnss import about_the_middle, known_crs, local_of
+from corridor.tools.formats.frames import height_unit
 from corridor.tools.formats.rows import rows_of
 
 _FOOT_M = 0.3048
@@ -184,6 +185,8 @@ def _slips(block, given, crs, in_frame):
     if geographic:
         gon = given * [0.9, 0.9, 1]
         tries += [(_GON, gon, crs), (f"{_GON}, and {axes}", gon[:, [1, 0, 2]], crs)]
+        for told, angles in _written(given[:, :2]):
+            tries.append((f"{told}: give degrees", np.column_stack([angles, given[:, 2]]), crs))
     elif np.abs(given[:, :2]).max() > 360:
         for name, metres in (("millimetres", 1e-3), ("centimetres", 1e-2), ("kilometres", 1e3)):
             tries.append((f"the coordinates are in {name}: give metres", given * metres, crs))
@@ -192,6 +195,10 @@ def _slips(block, given, crs, in_frame):
         tries.append((f"the coordinates are in {name}: give metres", scaled, crs))
         told = f"the heights are in {name}: give metres"
         tries.append((told, given * [1, 1, foot], crs))
+    unit = height_unit(crs) if crs else 1.0
+    if unit != 1.0:
+        told = f"the heights are in metres, and {crs[:40]} counts in feet: give them in feet"
+        tries.append((told, given / [1, 1, unit], crs))
     zone = np.floor(given[:, 0] / 1e6)
     if (zone == zone[0]).all() and 1 <= zone[0] <= 60:
         bare = given - np.array([zone[0] * 1e6, 0, 0])
@@ -214,6 +221,21 @@ def _slips(block, given, crs, in_frame):
         made = framed(places, system)
         if made is not None and np.isfinite(made).all():
             yield f"{told};", made
+
+
+def _written(angles: np.ndarray) -> Iterable[tuple[str, np.ndarray]]:
+    """Angles (n, 2) that are no degrees, in degrees, and how they are written."""
+    yield "the angles are in radians", np.degrees(angles)
+    size, sign = np.abs(angles), np.sign(angles)
+    whole = np.floor(size / 100.0)
+    yield (
+        "degrees and minutes are one number (DDMM.mmm)",
+        sign * (whole + (size / 100 - whole) / 0.6),
+    )
+    minutes, seconds = np.divmod(np.round(1e4 * size, 7), 100.0)
+    whole, minutes = np.divmod(minutes, 100.0)
+    told = "degrees, minutes and seconds are one number (DD.MMSS)"
+    yield told, sign * (whole + minutes / 60 + seconds / 3600)
 
 
 def _usual(block: Block) -> list[str]:

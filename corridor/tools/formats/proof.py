@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pandas as pd
 
+from corridor.core.block import Block
 from corridor.core.brief import brief
 from corridor.core.camera import INTERIOR
 from corridor.core.errors import InputError
@@ -103,6 +104,8 @@ class Proof:
                 "adjustment finds poses from the measurements"
             )
         if self.verdict == "unproved":
+            if self.explained:
+                return f"the rays of no point meet, so nothing is proved: {self.explained[0]}"
             return (
                 "the project holds no image observation that could prove its conventions, and a "
                 "block needs some: add them with --ground FILE, or as tie_points.csv or marks.csv"
@@ -134,6 +137,7 @@ def prove(project: Project) -> Proof:
     if not kinds:
         measured = len(block.tie_points) or len(block.marks)
         proof.unposed = bool(measured) and not np.isfinite(block.poses).all(axis=1).any()
+        proof.explained = _slips(block) if measured else []
         return proof
     lengths = {}
     for kind, part in kinds:
@@ -162,6 +166,8 @@ def prove(project: Project) -> Proof:
             f"{rounded:.1f} px (median): the proof allows for it"
         )
     bad = proof.by_kind[first[0]].median > MEDIAN_PX + rounded
+    if bad and not proof.explained:
+        proof.explained = _slips(block)
     proof.verdict = "refused" if bad or proof.explained else "proved"
     if project.image_to_ray:
         # As image-to-ray programs state them.
@@ -175,6 +181,12 @@ def prove(project: Project) -> Proof:
                 "frame, or they were not used in the reconstruction"
             )
     return proof
+
+
+def _slips(block: Block) -> list[str]:
+    """What no camera has, and one in another unit."""
+    slips = ((name, camera.slips) for name, camera in block.cameras.items())
+    return [f"camera {name}: {'; '.join(told)}" for name, told in slips if told]
 
 
 def _rounded(rows: Rows, rounding: tuple[float, float]) -> float:

@@ -130,3 +130,23 @@ def test_times_in_milliseconds_are_told(dike):
     said = [one for one in plausibility_warnings(block) if "milliseconds" in one]
     assert said and "flight" in said[0]
     assert not [one for one in plausibility_warnings(dike) if "milliseconds" in one]
+
+
+@pytest.mark.parametrize(
+    ("arm", "said"),
+    [
+        ((0.0, 20.0, 35.0), "40.31 mm are 0.0403"),
+        ((0.0, 2.0, -12.0), "metres"),
+        ((0.2, 0.1, 1.0), ""),
+    ],
+)
+def test_a_lever_arm_longer_than_a_drone_is_in_another_unit(arm, said, dike):
+    block = replace(dike.copy(), lever_arm={"default": arm})
+    found = [one for one in plausibility_warnings(block) if "lever arms are in metres" in one]
+    assert bool(found) == bool(said) and said in "".join(found)
+
+
+def test_an_aircraft_may_carry_its_antenna_farther_away(dike):
+    block = replace(dike.copy(), lever_arm={"default": (0.0, 3.0, -4.0)})
+    block.put("images", "z", block.numbers("images", "z") + 600.0)
+    assert not [one for one in plausibility_warnings(block) if "lever arms are in metres" in one]

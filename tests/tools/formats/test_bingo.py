@@ -102,6 +102,56 @@ def test_text_of_a_stated_convention_is_the_block_again(block, convention, tmp_p
     assert len(project.block.tie_points) == count
 
 
+@pytest.mark.parametrize(
+    "said",
+    [
+        ("um", "Centre", "up", "Phi-Omega-Kappa", "grad"),
+        ("µm", "centre", "UP", "phi, omega, kappa", "Gons"),
+    ],
+)
+def test_a_convention_in_other_words_is_understood(block, tmp_path, said):
+    """A grad is a gon, and no radian."""
+    folder = written(block, tmp_path / "text", CONVENTIONS[1], said)
+    assert prove(read_project(folder)).verdict == "proved"
+
+
+@pytest.mark.parametrize("mark", [";", ",", "\t"])
+def test_poses_in_quotes_and_other_cells_are_read(block, tmp_path, mark):
+    folder = written(block, tmp_path / "text", CONVENTIONS[0])
+    rows = (folder / "poses.txt").read_text().splitlines()
+    rows = [mark.join(f'"{cell}"' for cell in row.split()) for row in rows]
+    (folder / "poses.txt").write_text("\n".join(rows) + "\n")
+    project = read_project(folder)
+    assert prove(project).verdict == "proved" and len(project.block.tie_points)
+
+
+def test_a_focal_length_in_millimetres_is_named_where_nothing_reprojects(block, tmp_path):
+    folder = written(block, tmp_path / "text", CONVENTIONS[2])
+    path = folder / "convention.toml"
+    path.write_text(re.sub("(?m)^f = .*", "f = 4.3", path.read_text()))
+    assert "f is in pixels" in prove(read_project(folder)).refusal()
+
+
+@pytest.mark.parametrize(
+    ("meant", "said"),
+    [("omega-deg", "omega-gon"), ("phi-gon", "omega-deg"), ("phi-rad", "phi-deg")],
+)
+def test_the_angles_that_would_explain_the_points_are_named(block, tmp_path, meant, said):
+    def told(word):
+        first, unit = word.split("-")
+        return {"omega": "omega phi kappa", "phi": "phi omega kappa"}[first], unit
+
+    folder = written(
+        block,
+        tmp_path / "text",
+        ("um", "centre", "up", *told(meant)),
+        ("um", "centre", "up", *told(said)),
+    )
+    (found,) = [one for one in read_project(folder).warnings if "would explain it" in one]
+    angles, unit = told(meant)
+    assert f'angles = "{angles}" and unit = "{unit}"' in found
+
+
 def test_measured_control_becomes_marks(block, tmp_path):
     folder = written(block, tmp_path / "text", CONVENTIONS[0])
     block.ground[["point", "x", "y", "z"]].to_csv(tmp_path / "control.csv", index=False)

@@ -126,6 +126,18 @@ def test_a_stated_focal_length_that_the_pictures_contradict_is_no_narrow_prior(t
     assert made.block.cameras[name].extra == {"f_stated": [3966.01, 2666.01]}
 
 
+@pytest.mark.parametrize(("film_mm", "sigma"), [(20.0, 57.0), (10.0, 1133.0)])
+def test_a_stated_focal_length_that_a_project_contradicts_is_no_narrow_prior(film_mm, sigma):
+    """A project with 2266 px: of 35 mm film 20 mm, and one half of that by mistake."""
+    photos = dict(enumerate(flown(10.0, focal_35_mm=film_mm)))
+    project = Project("colmap", Path("model"), exact_block(f=2266.0))
+    photos = {k: photos[k] for k in range(len(project.block.images))}
+    made = placing._with_focal(project, photos)
+    (camera,) = made.block.cameras.values()
+    assert camera.extra["f_stated"][1] == pytest.approx(sigma, rel=0.2)
+    assert ("the project has 2266 px" in "".join(made.notes)) == (sigma > 1000)
+
+
 def test_work_is_kept_for_the_same_photographs_at_the_same_size_only(tmp_path):
     (tmp_path / "a.jpg").write_bytes(b"1")
     place = tmp_path / "place"

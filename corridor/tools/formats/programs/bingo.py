@@ -26,6 +26,7 @@ Pix4D exports for BINGO have it. What a file means is proved by reprojection.
 import re
 from collections.abc import Iterator
 from fnmatch import fnmatchcase
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,7 @@ from corridor.core.textfile import Line, read_toml
 from corridor.tools.formats.cameras import FLIP, in_the_middle
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.project import Contents, Project, Views
+from corridor.tools.formats.rows import rows_of
 from corridor.tools.formats.textfile import filled, says_number
 
 NAME = "bingo"
@@ -45,11 +47,18 @@ TITLE = "PATB or BINGO text with convention.toml"
 
 CONVENTION = "convention.toml"
 END = "-99"
+_MISS_PX = 2.0  # above it an import is refused
 _FOCAL = 1.2  # a focal length of a calibration and a nominal one differ by less
 _COMMA = re.compile(r"[+-]?\d+,\d+")
 # Keys of the two tables with their values; None: any text.
 _UNITS = {"mm": 1000.0, "um": 1.0, "px": None}
 _TURNS = {"deg": 1.0, "gon": 0.9, "rad": 180.0 / np.pi}
+# What people call them; "grad" is nearly "rad", and means gon.
+_CALLED = {
+    "grad": "gon", "grads": "gon", "grade": "gon", "grades": "gon", "gons": "gon", "degree": "deg",
+    "degrees": "deg", "radian": "rad", "radians": "rad", "µm": "um", "μm": "um", "micron": "um",
+    "microns": "um", "pixel": "px", "pixels": "px", "millimetres": "mm", "millimeters": "mm",
+}  # fmt: skip
 _ANGLES = {"omega phi kappa": "XYZ", "phi omega kappa": "YXZ"}
 _KEYS = {
     "measurements": {
@@ -75,6 +84,30 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     """The project of a folder. Raises InputError naming file and line."""
     folder = path if path.is_dir() else path.parent
     table = _convention(folder / CONVENTION)
+    project, posed = _read(folder, table), table["poses"]
+    if posed["angles"] not in _ANGLES or _miss(project) < _MISS_PX:
+        return project
+    for angles, unit in product(_ANGLES, _TURNS):
+        other = {**table, "poses": {**posed, "angles": angles, "unit": unit}}
+        if (left := _miss(_read(folder, other))) < _MISS_PX:
+            told = f'{CONVENTION}: [poses] angles = "{angles}" and unit = "{unit}" would explain it'
+            return project.warned(f"{told}: {left:.2f} px (median)")
+    return project
+
+
+def _miss(project: Project) -> float:
+    """By how much image points miss, px, median; infinite where most rays do not meet."""
+    if not len(project.block.tie_points):
+        return 0.0
+    with np.errstate(all="ignore"):
+        rows = rows_of(project.block, complete=False).usable()
+        length = np.linalg.norm(rows.residuals(), axis=1)
+    few = 2 * len(length) < len(project.block.tie_points)
+    return np.inf if few else float(np.median(np.nan_to_num(length, nan=np.inf)))
+
+
+def _read(folder: Path, table: dict) -> Project:
+    """The project by a convention."""
     measured, posed = table["measurements"], table["poses"]
     poses = _poses(folder / posed["file"], posed)
     names = list(poses)
@@ -108,6 +141,10 @@ def _convention(path: Path) -> dict:
             part.setdefault("unit", "deg")
         for key, allowed in keys.items():
             value = part.get(key)
+            if allowed and isinstance(value, str):
+                value = re.sub(r"[\s,_-]+", " ", value.strip().lower())
+                value = _CALLED.get(value, value) if key == "unit" else value
+                part[key] = value
             if not isinstance(value, str) or (allowed and value not in allowed):
                 which = " or ".join(f'"{one}"' for one in allowed) if allowed else "a file's name"
                 near = did_you_mean(str(value), allowed) if allowed and value else ""
@@ -169,11 +206,11 @@ def _poses(path: Path, posed: dict) -> dict[str, tuple[np.ndarray, np.ndarray]]:
 
 def _words(line: Line) -> list[str]:
     """What stands in a line, between blanks or commas. Raises InputError for decimal commas."""
-    words = line.text.split()
+    words = line.text.replace('"', " ").replace(";", " ").split()
     comma = next((word for word in words[1:] if _COMMA.fullmatch(word)), None)
     if comma is not None and not any("." in word for word in words[1:]):
         raise line.wrong(f"{comma} has a decimal comma; write numbers with a decimal point")
-    return line.text.replace(",", " ").split()
+    return " ".join(words).replace(",", " ").split()
 
 
 def _views(path, measured, names, used, cameras, notes) -> Views | None:

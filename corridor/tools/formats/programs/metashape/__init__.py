@@ -724,7 +724,9 @@ def _gnss(names, reference, measured, have, notes):
 
 def _called(chunk, notes):
     """Names of markers by their numbers: labels, with the number behind one that several have."""
-    labels = {number: part.get("label") or number for number, part in chunk.markers.items()}
+    labels = {
+        number: (part.get("label") or number).strip() for number, part in chunk.markers.items()
+    }
     many = Counter(labels.values())
     for label in (label for label, count in many.items() if count > 1):
         notes.append(f"{many[label]} markers are called {label}: their numbers stand behind it")
