@@ -16,9 +16,7 @@ class GnssScale(LinearEffect):
     needs = ("gnss.x", "gnss.y", "gnss.z")
     revealed_by = "ground control along the corridor, or a held focal length and known heights"
     unobservable_when = "no control and a free focal length: the whole block grows with its GNSS"
-    unknowns = [
-        Parameter("scale", "1", scale=300e-6, text="measured over true, minus 1", most=0.01)
-    ]
+    unknowns = [Parameter("scale", "1", scale=300e-6, text="measured over true, minus 1")]
 
     def derivative(self, context):
         """The measured antenna moves by scale (C - M), M the middle of the stated centres."""
