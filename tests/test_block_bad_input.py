@@ -348,3 +348,11 @@ def test_a_header_of_attitudes_that_is_not_known_is_shown():
     attitudes = pd.DataFrame({"image": ["a"], "roll_deg": 0.0, "pitch_deg": 0.0, "yaw_deg": 0.0})
     with pytest.raises(InputError, match=r"it has image, roll_deg, pitch_deg, yaw_deg"):
         small(attitudes=attitudes).check()
+
+
+def test_a_flight_may_be_called_as_if_it_were_a_unit(folder):
+    for name in ("images.csv", "block.toml"):
+        text = (folder / name).read_text(encoding="utf-8")
+        text = re.sub(r"(?m)(^B(?= =)|,B(?=,|$))", lambda m: m[0].replace("B", "unit_m"), text)
+        (folder / name).write_text(text, encoding="utf-8")
+    assert "unit_m" in read(folder).lever_arm

@@ -265,7 +265,7 @@ BLOCKS = {
     "arm_cm": (_T, _arm("F1 = [0.0, 2.0, -12.0]"), "lever arms", 0, "lever arms are in metres"),
     "arm_text": (_T, _arm('default = "0 0.02 0.12"'), "lever arms", 2, "not three numbers"),
     "arm_unit": (_T, _arm('default = [0, 20, 120]\nunit = "mm"'), "lever arms", 2, "unit is no flight"),
-    "arm_key": (_T, _arm("default_mm = [0.0, 20.0, 120.0]"), "lever arms", 2, "default_mm is no fl"),
+    "arm_key": (_T, _arm("default_mm = [0.0, 20.0, 120.0]"), "lever arms", 2, "z] in metres"),
     "sigma_key": (_T, _swap("gnss_m", "gnss_mm"), "lever arms", 2, "has no gnss_mm"),
     "f_mm": (_T, _swap("f = 976.0", "f = 12.29"), "cameras", 0, "f is in pixels"),
     "f_35": (_T, _swap("f = 976.0", "f = 33.3"), "cameras", 0, "f is in pixels"),

@@ -345,7 +345,7 @@ def _lever_arms(block) -> None:
         if flight != "default" and flight not in flights:
             raise InputError(
                 f"{FILE}: [lever_arm] names flight {flight!r}, which no image has; "
-                f"use default or a flight of images.csv ({some(flights)})"
+                f"use default or a flight of images.csv ({some(flights)}) with [x, y, z] in metres"
             )
         if np.shape(arm) != (3,) or not np.isfinite(np.asarray(arm, dtype=float)).all():
             raise InputError(

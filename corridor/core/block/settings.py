@@ -62,7 +62,7 @@ def read_settings(folder: Path) -> dict:
         raise InputError(
             f"{where('lever_arm', 'fixed')}: fixed holds no lever arm; add default = [x, y, z]"
         )
-    for key in (key for key in arms if re.search("(?i)unit|_[cm]?m$", key)):
+    for key in (key for key, arm in arms.items() if "unit" in key and isinstance(arm, str)):
         told = "lever arms are in metres; write default = [x, y, z] so, and no unit"
         raise InputError(f"{where('lever_arm', key)}: {key} is no flight: {told}")
     settings["lever_arm"] = {

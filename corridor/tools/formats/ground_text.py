@@ -82,6 +82,8 @@ _COMMENTS = ("#", "%", "//")
 _SEPARATORS = "\t;,|"
 # What programs write where there is no coordinate.
 _NOTHING = (-9999.0, -99999.0, -32768.0, -32767.0)
+# Zeros so many times the width of a project beyond its points, of at least a kilometre, are none.
+_BEYOND, _LEAST_WIDE_M, _DEGREE_M = 10.0, 1000.0, 1.11e5
 # So many points of a map, whose coordinates are this large, are not all at whole decimetres.
 _LEAST_ROWS, _OF_A_MAP, _COARSE_M = 3, 1e4, 0.1
 _DOS_END = "\x1a \t\r\n"  # old programs end a text with a character
@@ -400,13 +402,14 @@ def _table(rows, columns, notes, exact) -> Table:
             )
         names.append(name)
         places.append([_coordinate(line, cells[at[key]], key) for key in keys])
-        if set(places[-1]) & set(_NOTHING) or places[-1] == [0.0, 0.0, 0.0] != places[0]:
-            raise line.wrong(
-                f"point {name} has no coordinates ({', '.join(cells[at[key]] for key in keys)}): "
-                "write them there or delete the line"
-            )
         sigmas.append(_sigmas(line, {key: _cell(cells, at[key]) for key in sigma_keys}, exact))
         roles.append(_role(line, _cell(cells, at["role"])) if "role" in at else "control")
+    for k in np.flatnonzero(_nowhere(np.array(places), geographic)):
+        (line, cells), name = rows[k], names[k]
+        raise line.wrong(
+            f"point {name} has no coordinates ({', '.join(cells[at[key]] for key in keys)}): "
+            "write them there or delete the line"
+        )
     off = [_cell(cells, at["enabled"]).lower() in _OFF for _, cells in rows if "enabled" in at]
     if "role" not in at and any(off):
         notes.append(f"{sum(off)} points are switched off (Enabled): read as check points")
@@ -423,6 +426,17 @@ def _table(rows, columns, notes, exact) -> Table:
             "they are several points; if they are one, delete all but one"
         )
     return Table(table, GEOGRAPHIC if geographic else None, notes)
+
+
+def _nowhere(places: np.ndarray, geographic: bool) -> np.ndarray:
+    """Which of places (n, 3) are none (n,): what programs write for nothing, or zeros far beyond
+    the others. The origin of a local frame is a place."""
+    none, zero = np.isin(places, _NOTHING).any(axis=1), (places == 0.0).all(axis=1)
+    there = places[~none & ~zero, :2] * (_DEGREE_M if geographic else 1.0)
+    if zero.any() and len(there):
+        wide = max(float(np.ptp(there, axis=0).max()), _LEAST_WIDE_M)
+        none |= zero & (np.linalg.norm(there, axis=1).min() > _BEYOND * wide)
+    return none
 
 
 def _few_digits(path: Path, rows: list, columns: list) -> list[str]:

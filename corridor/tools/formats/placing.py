@@ -465,11 +465,12 @@ def _with_focal(project, photos):
         sigma = max(stated.sigma_px, away if measured or contradicted else 0.0)
         extra["f_stated"] = [round(stated.px, 2), round(sigma, 2)]
         cameras[camera.name] = replace(camera, extra=extra)
+        told = (
+            f"; the project has {own:.0f} px: the difference is its sigma" if contradicted else ""
+        )
         notes.append(
             f"camera {camera.name}: f stated {stated.px:.0f} +- {sigma:.0f} px "
-            f"({stated.of}), a prior where f is estimated (f_stated in block.toml)"
-            + f"; the project has {own:.0f} px, so it is as good as that"
-            * contradicted
+            f"({stated.of}), a prior where f is estimated (f_stated in block.toml){told}"
         )
     return project.having(notes=notes, cameras=cameras)
 

@@ -65,7 +65,16 @@ def test_what_stands_for_no_coordinate_is_none(nothing, tmp_path):
 
 
 def test_the_origin_of_a_local_frame_may_be_a_point(tmp_path):
-    assert len(table(tmp_path, "Name,E,N,H", "P1,0,0,0", "P2,10,0,1").table) == 2
+    for rows in (["P1,0,0,0", "P2,10,0,1"], ["P2,1000,2000,1", "P3,1400,2100,2", "P1,0,0,0"]):
+        assert len(table(tmp_path, "Name,E,N,H", *rows).table) == len(rows)
+
+
+def test_zeros_are_no_place_whichever_row_has_them(tmp_path):
+    rows = ["P2,0,0,0", "P1,467124.4,5428658.5,160.5", "P3,467150.6,5428662.8,161.0"]
+    with pytest.raises(InputError, match="line 2: point P2 has no coordinates"):
+        table(tmp_path, "Name,E,N,H", *rows)
+    with pytest.raises(InputError, match="line 3: point P2 has no coordinates"):
+        table(tmp_path, "Name,Lat,Lon,H", "P1,49.01,8.55,160", "P2,0,0,0")
 
 
 def test_names_that_differ_in_case_or_blanks_are_told(tmp_path):
