@@ -18,6 +18,7 @@ from corridor.core.geometry import (
     rotation_from_vector,
 )
 from corridor.core.simulation import add_noise
+from corridor.diagnosis.evidence.evidence import Evidence
 from corridor.diagnosis.noise.gnss import GnssNoise, stated_noise
 from corridor.diagnosis.reference import ReferenceModel
 from corridor.diagnosis.system.elimination import Elimination, rows_of
@@ -215,6 +216,21 @@ def test_the_reduced_matrix_has_no_negative_direction(tiny):
     M, _ = Elimination(tiny[1], None).core
     values = np.linalg.eigvalsh(M)
     assert values.min() > -1e-8 * values.max()
+
+
+@pytest.mark.parametrize("core", [(), ("thermal", "control_datum")])
+@pytest.mark.parametrize("own", ["time_rounding", "focal_per_image"])
+def test_a_model_explains_the_same_by_its_own_columns_as_by_all(tiny, own, core):
+    e = tiny[1]
+    chosen = {n: 0.7 for n, group in enumerate(e.groups) if group.effect.slug in (own, *core)}
+    assert len(chosen) > len(core)
+    alone, all_of_them = (Evidence(Elimination(e, None).reduced()) for _ in range(2))
+    left = all_of_them.beside(chosen)
+    assert left.M.shape == 2 * all_of_them.reduced.g.shape and not alone._systems
+    expected = left.fit, left.cost
+    assert alone.explained(chosen) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    assert not alone._systems
+    assert all_of_them.explained(chosen) == expected
 
 
 def test_the_elimination_grows_with_the_images_and_not_with_their_square():

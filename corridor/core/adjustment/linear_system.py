@@ -212,7 +212,7 @@ class LinearSystem:
         away = tuple(effect for effect in effects if effect.place == "antenna")
         problem = with_effects(self.problem, effects)
         # Zero moves nothing; some effects ask for another start when they are adjusted.
-        stacks = [problem.stack, *(Stack(self.block, [effect]) for effect in away)]
+        stacks = [problem.stack, *self._alone(away)]
         zero = {s: np.zeros_like(v) for stack in stacks for s, v in stack.start().items()}
         known = {s: v for s, v in self.state.effects.items() if s in zero or s == ENDS}
         state = replace(self.state, effects=zero | known)
@@ -483,12 +483,16 @@ class LinearSystem:
         names = np.array([*self.control_names, *p.end_names], dtype=object)
         return Rows(names, given, residual, sigma, jacobian, np.full(c, -1), turn)
 
+    def _alone(self, effects: Iterable[Effect]) -> list[Stack]:
+        """Effects of no ground point, each by itself."""
+        return [Stack(self.block, [one], images=self.problem.stack.images) for one in effects]
+
     @cached_property
     def _beside(self) -> list[_Beside]:
         """Columns of the tested effects of the antenna."""
         context = Context(self.images, self.problem.gnss_image)
         out = []
-        for stack in (Stack(self.block, [effect]) for effect in self.tested):
+        for stack in self._alone(self.tested):
             (member,) = stack.members.values()
             effect, (groups, count) = member.effect, member.shape
             _, derivative = stack.evaluate(

@@ -203,11 +203,11 @@ class Normal:
         return View(state, images, exposures, cameras, d_interior, d_motion, residual, d_ground)
 
     def scene_of_exposures(
-        self, view: View, modelled: Modelled, first: int, last: int
+        self, view: View, modelled: Modelled, first: int, last: int, anew: bool = True
     ) -> arrays.Scene:
         """As `scene`, for `of_exposures`."""
         columns = self.columns_of_exposures._replace(hung=view.exposures.hung)
-        return self.scene(view, modelled, first, last)._replace(columns=columns)
+        return self.scene(view, modelled, first, last, anew)._replace(columns=columns)
 
     def scene(
         self, view: View, modelled: Modelled, first: int, last: int, anew: bool = True
@@ -217,10 +217,10 @@ class Normal:
         modelled: moved on by whoever goes over the points. anew: find the slope of image effects,
         which changes little from then on.
         """
-        if anew and self.has_image_effects:
-            self._find_slope(view, modelled, first, last)
         shift, d_image = self._shifts(view, modelled, first, last)
         if self.has_image_effects:
+            if anew:
+                self._find_slope(view, modelled, first, last, shift)
             slope = modelled.slope[self.problem.ptr[first] : self.problem.ptr[last]]
             shift = np.concatenate([shift, slope], axis=1)
         sight = _NO_SIGHT
@@ -284,15 +284,17 @@ class Normal:
         count = np.diff(self.problem.ptr[first : last + 1])
         return np.repeat(view.state.points[first:last], count, axis=0)
 
-    def _find_slope(self, view: View, modelled: Modelled, first: int, last: int) -> None:
+    def _find_slope(
+        self, view: View, modelled: Modelled, first: int, last: int, shift: np.ndarray
+    ) -> None:
         """Derivative of the pixel by the pixel before image effects, which look at it.
 
-        From m = p + s(m) follows dm = (1 - ds/dm)^-1 dp; ds/dm by steps of a pixel, the ray along.
+        shift (n, 2): theirs. From m = p + s(m) follows dm = (1 - ds/dm)^-1 dp; ds/dm by steps of a
+        pixel, the ray along.
         """
         p = self.problem
         rows = slice(p.ptr[first], p.ptr[last])
         seen, image = modelled.pixel[rows], p.img[rows]
-        shift = self._shift(view, modelled, first, last)
         step = 1.0 / view.cameras.interior[image, 0]
         position = self._seen_points(view, first, last)
         if self.sighted:
@@ -463,7 +465,8 @@ class Normal:
             for array in kept:
                 self.pieces.clear(piece, array)
             for first, last in self.chunks(start, stop):
-                scene = self.scene_of_exposures(view, self.modelled, first, last)
+                # A right side alone meets the matrix, and so the slope, of a step before.
+                scene = self.scene_of_exposures(view, self.modelled, first, last, anew=matrix)
                 totals[piece] += self.of_exposures.assemble(scene, damping, equations)
 
         self.pieces.run(work)
@@ -586,7 +589,8 @@ class Normal:
         self.assembled, self.modelled = self.view(state), self.modelled_at(state)
         if self.has_image_effects:
             for first, last in self.chunks(0, len(self.problem.ptr) - 1):
-                self._find_slope(self.assembled, self.modelled, first, last)
+                shift = self._shift(self.assembled, self.modelled, first, last)
+                self._find_slope(self.assembled, self.modelled, first, last, shift)
 
     def substitute(
         self, state: State, damping: float, step: np.ndarray, shared: np.ndarray

@@ -302,7 +302,7 @@ def with_effects(problem: Problem, tested: Iterable[Effect]) -> Problem:
     kept = [m.effect for slug, m in p.stack.members.items() if slug not in slugs]
     here = [effect for effect in tested if effect.place != "antenna"]
     control = list(p.block.ground["point"].to_numpy(dtype=object)[p.control_rows])
-    stack = Stack(p.block, [*kept, *here], control)
+    stack = Stack(p.block, [*kept, *here], control, p.stack.images)
     measured = {"antenna": p.gnss_image, "attitude": p.attitude_image}
     wanted = Wanted(p.free, p.arms_free, measured, control, p.distance_rows, p.model.held)
     unknowns = with_ends(unknowns_of(p.images, stack, wanted), p)

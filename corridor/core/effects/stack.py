@@ -51,7 +51,8 @@ class Stack:
         points: Sequence[str] = (),
         images: Images | None = None,
     ):
-        images = images or Images.of(block)
+        # As given: another stack of the same block asks no table for them again.
+        images = self.images = images or Images.of(block)
         effects = [effect.form(block) for effect in effects]
         slugs = [effect.slug for effect in effects]
         for slug in slugs:

@@ -25,8 +25,10 @@ from corridor.diagnosis.settings import SETTINGS, side_by_side
 from corridor.diagnosis.system.elimination import Elimination, Reduced, rows_of
 from corridor.diagnosis.system.groups import Group
 
-# Systems beside values for each image, and models, that are kept.
+# Systems beside values for each image, and models, that are kept; and eliminations, of which those
+# of large blocks weigh a hundred megabytes.
 _SYSTEMS, _MODELS = 48, 8
+_CHAINS, _CHAIN_BYTES = 2, 2e8
 _ONE = Lock()
 
 # A size in prior standard deviations, of all parameters of a group or of each (p,).
@@ -112,6 +114,28 @@ class Beside:
     cost: float
 
 
+@dataclass(frozen=True)
+class _Explained:
+    """What groups that images share explain, and what they cost; their parameters theta (q,), and
+    the inverse (q, q) of M with the priors."""
+
+    fit: float
+    cost: float
+    theta: np.ndarray
+    inverse: np.ndarray
+
+    @classmethod
+    def of(cls, M: np.ndarray, g: np.ndarray, kappa: np.ndarray, mean: np.ndarray) -> _Explained:
+        """Of M (q, q) and g (q,), and of the sizes and means (q,) of their priors."""
+        inverse, logdet = inverted(M + np.diag(kappa**-2.0))
+        expected = M @ mean
+        away = g - expected
+        step = inverse @ away
+        fit = mean @ g - 0.5 * mean @ expected + 0.5 * away @ step
+        cost = 0.5 * logdet + float(np.log(kappa).sum())
+        return cls(float(fit), cost, mean + step, inverse)
+
+
 class Evidence:
     """Evidence of groups, alone and given others, on one reduced system."""
 
@@ -127,6 +151,7 @@ class Evidence:
         self.number = {group.key: n for n, group in enumerate(self.groups)}
         # Systems beside values for each image, which many models share, and the last models.
         self._systems: dict[tuple, Reduced] = {}
+        self._chains: dict[tuple, Elimination] = {}
         self._models: dict[tuple, Beside] = {}
         # A search asks for the same models again and again.
         self._sums: dict[tuple, tuple[float, float]] = {}
@@ -161,6 +186,7 @@ class Evidence:
     def let_go(self) -> None:
         """Forget systems and models, which are made anew where they are asked for."""
         self._systems.clear()
+        self._chains.clear()
         self._models.clear()
 
     def let_go_of_images(self) -> None:
@@ -229,9 +255,18 @@ class Evidence:
         key = _key(images)
         found = self._systems.get(key)
         if found is None:
-            made = self.reduced.beside(self.rows(images))
+            made = self._chain(key, images).reduced()
             found = replace(made, beside=None, elimination=None)
             _keep(self._systems, key, found, _SYSTEMS)
+        return found
+
+    def _chain(self, key: tuple, images: Mapping[int, Size]) -> Elimination:
+        """The elimination with values for each image among its rows."""
+        found = self._chains.get(key)
+        if found is None:
+            found = self.elimination(images)
+            most = max(_CHAINS, int(_CHAIN_BYTES / (8 * found.chain.layout.length)))
+            _keep(self._chains, key, found, min(most, _SYSTEMS))
         return found
 
     def beside(self, chosen: Mapping[int, Size]) -> Beside:
@@ -251,7 +286,18 @@ class Evidence:
         """
         key = _key(chosen)
         if key not in self._sums:
-            self.beside(chosen)
+            images = self.of_images(chosen)
+            if images and _key(images) not in self._systems:
+                # One of many sizes: no more of the core is asked than what the model has of it.
+                made, core = self._chain(_key(images), images), self.of_core(chosen)
+                fit, cost = made.fit - self.reduced.fit, made.cost - self.reduced.cost
+                if core:
+                    at, *prior = self.laid(core)
+                    mine = _Explained.of(*made.core_of(at), *prior)
+                    fit, cost = fit + mine.fit, cost + mine.cost
+                self._sums[key] = fit, cost
+            else:
+                self.beside(chosen)
         return self._sums[key]
 
     def _beside(self, chosen: Mapping[int, Size]) -> Beside:
@@ -259,17 +305,11 @@ class Evidence:
         fit, cost = r.fit - self.reduced.fit, r.cost - self.reduced.cost
         if not core:
             return Beside(r.M, r.g, fit, cost)
-        at, kappa, mean = self.laid(core)
-        inside, to_core = r.M[np.ix_(at, at)], r.M[at]
-        inverse, logdet = inverted(inside + np.diag(kappa**-2.0))
-        expected = inside @ mean
-        away = r.g[at] - expected
-        step = inverse @ away
-        fit += mean @ r.g[at] - 0.5 * mean @ expected + 0.5 * away @ step
-        cost += 0.5 * logdet + float(np.log(kappa).sum())
-        theta = mean + step
-        M = r.M - to_core.T @ inverse @ to_core
-        return Beside(M, r.g - to_core.T @ theta, float(fit), float(cost))
+        at, *prior = self.laid(core)
+        to_core = r.M[at]
+        mine = _Explained.of(to_core[:, at], r.g[at], *prior)
+        M = r.M - to_core.T @ mine.inverse @ to_core
+        return Beside(M, r.g - to_core.T @ mine.theta, fit + mine.fit, cost + mine.cost)
 
     def total(self, chosen: Mapping[int, Size]) -> float:
         """Log evidence of groups n -> kappa together."""

@@ -21,7 +21,7 @@ def locate(one: Round, number: int, theta: np.ndarray) -> tuple[str, dict]:
     effect, system = group.effect, e.system
     values = theta * group.scale
     control = list(system.control_names)
-    stack = Stack(system.block, [effect], control)
+    stack = Stack(system.block, [effect], control, system.problem.stack.images)
     member = stack.members[effect.slug]
     images = system.images
     names = list(images.names) if effect.group == "image" else member.groups

@@ -54,8 +54,9 @@ _MOST_PRODUCTS = 5e10
 # Columns that are solved for together.
 _COLUMNS = 96
 
-# Sets of rows whose equations are kept: a search for the noise asks for one many times.
-_KEPT = 3
+# Sets of rows whose equations are kept: a search for the noise asks for one many times, one for a
+# model for a dozen; of large blocks each weighs a hundred megabytes.
+_KEPT, _HELD_BYTES = 3, 1e8
 _ONE = Lock()
 
 # Groups and the prior standard deviations (p,) of their parameters, in those of the parameters.
@@ -128,8 +129,9 @@ class Static:
         found = e.kept.get(key)
         if found is None:
             found = cls._made(e, groups)
+            most = max(_KEPT, int(_HELD_BYTES / found.cross.nbytes) if found.cross.size else _KEPT)
             with _ONE:
-                while len(e.kept) >= _KEPT:
+                while len(e.kept) >= most:
                     del e.kept[next(iter(e.kept))]
                 e.kept[key] = found
         return found
@@ -368,17 +370,16 @@ class Elimination:
         out *= self.unit[self._order, None]
         return out
 
-    @property
-    def _core_half(self) -> np.ndarray:
-        """Half a solution (n, c) for what images share, some columns at a time: each copy of all of
-        them weighs as much as the chain.
+    def _core_half(self, columns: np.ndarray) -> np.ndarray:
+        """Half a solution (n, k) for columns (k,) of what images share, some at a time: each copy
+        of all of them weighs as much as the chain.
         """
         antenna = self.equations.core.antenna
-        out = np.empty((len(self._order), self.cross.shape[1]))
-        for first in range(0, self.cross.shape[1], _COLUMNS):
-            some = slice(first, first + _COLUMNS)
+        out = np.empty((len(self._order), len(columns)))
+        for first in range(0, len(columns), _COLUMNS):
+            some = columns[first : first + _COLUMNS]
             right = self._ordered_right(self.cross[:, some], antenna[:, some])
-            out[:, some] = self.chain.half(right)
+            out[:, first : first + _COLUMNS] = self.chain.half(right)
         return out
 
     # --- what it solves ------------------------------------------------------------------------
@@ -418,14 +419,22 @@ class Elimination:
             right = right + self.jacobian.T @ self.weigh(self.equations.core.antenna @ core)
         return self.solve(right)
 
+    @property
+    def _all(self) -> np.ndarray:
+        return np.arange(self.cross.shape[1])
+
     @cached_property
     def core(self) -> tuple[np.ndarray, np.ndarray]:
         """M (c, c) and g (c,) of what images share."""
+        return self.core_of(self._all)
+
+    def core_of(self, columns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """M (k, k) and g (k,) of some columns (k,) of what images share."""
         e, block = self.equations, self.equations.core
-        half = self._core_half
-        heavy = self._white[:, None] * block.antenna
-        M = block.inside + block.antenna.T @ heavy - half.T @ half
-        g = e.core_without + heavy.T @ self._residual - (half.T @ self._half)[:, 0]
+        half, antenna = self._core_half(columns), block.antenna[:, columns]
+        heavy = self._white[:, None] * antenna
+        M = block.inside[np.ix_(columns, columns)] + antenna.T @ heavy - half.T @ half
+        g = e.core_without[columns] + heavy.T @ self._residual - (half.T @ self._half)[:, 0]
         return M, g
 
     def step(self, right: np.ndarray) -> np.ndarray:
@@ -449,7 +458,7 @@ class Elimination:
         static = own[self.at]
         static[len(e.first) :] += priors
         half = self.chain.half(self._ordered_right(static, antenna))
-        core = self._core_half
+        core = self._core_half(self._all)
         return own[e.at] + block.antenna.T @ (self._white[:, None] * antenna) - core.T @ half
 
     def reduced(self) -> Reduced:
