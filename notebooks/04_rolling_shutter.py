@@ -444,7 +444,7 @@ for words, block in ways.items():
 # A real one: the Phantom 4 of chapter 5, with a published readout of 33 ms. (Where the block is
 # missing, this cell says so.)
 
-# %% tags=["nbval-ignore-output"]
+# %% tags=["nbval-ignore-output", "night"]
 special = special_plot()
 if special is not None:
     real = shutter.readout_from_flight(special, model="DJI FC330", advise=False)
@@ -469,7 +469,7 @@ picture
 # gyroscope recorded 185 rates during each readout. They change by a radian a second within one
 # picture.
 
-# %% tags=["nbval-ignore-output"]
+# %% tags=["nbval-ignore-output", "night"]
 folder = DATA / "sequoia"
 here = (folder / "flight_block" / "block.toml").exists() and not fast
 if here:
@@ -519,7 +519,7 @@ picture
 #
 # A camera that turns unevenly needs its gyroscope, with the delay as a parameter.
 
-# %% tags=["nbval-ignore-output"]
+# %% tags=["nbval-ignore-output", "night"]
 ours = {"shutter.sequoia.readout": 1000 * curve.value["readout"] * 864 / 863 if here else None}
 compare(ours, absent="the measurements are not here")
 
@@ -740,7 +740,7 @@ pd.DataFrame(
 # Are the axes of the gyroscope right, and the direction of the rows? Wrong ones cannot explain the
 # pictures either:
 
-# %% tags=["nbval-ignore-output"]
+# %% tags=["nbval-ignore-output", "night"]
 if here:
     gyro = pd.read_csv(folder / "gyro.csv")
     beliefs = {}

@@ -498,7 +498,7 @@ pd.DataFrame(
 # readout of 33 ms. Guess: what is missing, and will all statistics be in their bands afterwards?
 # (Where the real blocks are missing, these cells say so.)
 
-# %% tags=["nbval-ignore-output"]
+# %% tags=["nbval-ignore-output", "night"]
 special = None if fast else special_plot()
 if special is not None:
     named = corridor.diagnose(special, seed=seed)
@@ -516,7 +516,7 @@ picture
 # chance. Now compare a number that the diagnosis has not used: the focal length of the data sheet.
 # Guess: does each named cause bring the estimate nearer?
 
-# %% tags=["nbval-ignore-output"]
+# %% tags=["nbval-ignore-output", "night"]
 if special is not None:
     chosen = {"camera": "fraser8", "lever_arm": "fixed", "loss": "huber:2"}
     two = ["rolling_shutter", "clock_offset"]
@@ -548,7 +548,7 @@ else:
     picture = None
 picture
 
-# %% tags=["nbval-ignore-output"]
+# %% tags=["nbval-ignore-output", "night"]
 if special is not None:
     slow = slow_ones(special, 2.0)
     readouts = {}
@@ -582,7 +582,7 @@ picture
 # a *mechanical* shutter, RTK positions, one control point, two check points. First as they are:
 # what is missing?
 
-# %% tags=["nbval-ignore-output"]
+# %% tags=["nbval-ignore-output", "night"]
 if not fast and (DATA / "saraburi" / "block").exists():
     saraburi = corridor.read(DATA / "saraburi" / "block")
     real = corridor.diagnose(saraburi, camera="fraser8", seed=seed)
@@ -609,7 +609,7 @@ else:
 # Now one effect is drawn by lot and put in: a drift of the focal length, a late clock, or a drift
 # of the GNSS. Guess from the picture:
 
-# %% tags=["nbval-ignore-output"]
+# %% tags=["nbval-ignore-output", "night"]
 if saraburi is not None:
     lots = {
         "focal_drift": {"rate": 0.12}, "clock_offset": {"offset": 0.2}, "gnss_drift": {"z": 1e-3},
@@ -624,7 +624,7 @@ else:
     picture = None
 picture
 
-# %% tags=["nbval-ignore-output"]
+# %% tags=["nbval-ignore-output", "night"]
 if saraburi is not None:
     guessed = corridor.diagnose(sealed_flight, camera="fraser8", seed=seed)
     print(guessed.sentence)

@@ -57,7 +57,7 @@ SECONDS = set((Path(__file__).parent / "seconds.txt").read_text(encoding="utf-8"
 if os.environ.get("CORRIDOR_SECONDS") == "0":
     SECONDS = set()
 # Names of long tests that are run by night: whole flights, rates of many draws, and the longest of
-# variants of which another one stays.
+# variants of which another one stays. Cells of chapters say so themselves, by the tag `night`.
 NIGHT = set((Path(__file__).parent / "night.txt").read_text(encoding="utf-8").splitlines())
 
 
@@ -72,9 +72,11 @@ def pytest_collection_modifyitems(items):
     """
     long = {item.path for item in items if item.get_closest_marker("slow")}
     for item in items:
-        if item.nodeid in SECONDS or item.nodeid in NIGHT:
+        tags = getattr(item, "cell", {}).get("metadata", {}).get("tags", [])
+        night = item.nodeid in NIGHT or "night" in tags or item.get_closest_marker("night")
+        if item.nodeid in SECONDS or night:
             item.add_marker("slow")
-        if item.nodeid in NIGHT:
+        if night:
             item.add_marker("night")
     chapters = {item.path for item in items if item.path.suffix == ".ipynb"}
     # The longest, so that none is left to be the last; and programs of two threads (`test_batch`

@@ -129,7 +129,7 @@ def opened(browser, path, width):
     return page
 
 
-@pytest.mark.slow
+@pytest.mark.night  # It takes minutes, and a workflow builds it on every change.
 class TestTheSite:
     def test_links_lead_somewhere_and_pictures_say_what_they_show(self, site):
         from html.parser import HTMLParser
