@@ -1,7 +1,9 @@
 # ---
 # jupyter:
 #   jupytext:
+#     cell_metadata_filter: tags,-all
 #     formats: ipynb,py:percent
+#     notebook_metadata_filter: kernelspec,jupytext,-jupytext.text_representation.jupytext_version
 #     text_representation:
 #       extension: .py
 #       format_name: percent
@@ -132,7 +134,10 @@ two = {
         ("s2", "nadir, oblique, two heights", read_plan(sets["all"])),
     )
 }
-drawings.flight_directions(two, "the two halves of the dike: eight strips in s2, three in s1")
+drawings.flight_directions(
+    two, "the two halves of the dike: eight strips in s2, three in s1",
+    "arrows show the direction of flight",
+)  # fmt: skip
 
 # %%
 ours = {}

@@ -76,5 +76,5 @@ def test_a_row_that_holds_with_no_cause_says_which_part_is_off():
         words: published.compare({name: np.array(ours)}, register=register)[name]
         for words, ours in {"pitch 1": (0.0, 5.0, 0.0), "pitch 2": (4.8, -1.0, 1.2)}.items()
     }
-    said = viabon._nearest_miss(of)
+    said = published._nearest_miss(of)
     assert said == "holds with none of pitch 1, pitch 2; nearest with pitch 2: STD 1.2 cm"

@@ -250,6 +250,21 @@ class TestVerdicts:
         assert "12 rows hold" in long
         assert long.index("does not hold") < long.index("<details>")
 
+    def test_a_row_that_fails_says_with_which_change_it_holds_or_how_near_one_comes(self, register):
+        def table(height, shift):
+            return published.compare(
+                {"alpha.height": height, "alpha.shift": shift}, register=register
+            )
+
+        wrong, right = [1.0, -2.0, 9.0], [1.0, -2.0, 3.5]
+        changed = {"wind": table(0.05, right), "rain": table(0.044, wrong)}
+        assert published.reasons(
+            table(0.05, wrong), changed, "(there)", "two kinds of weather"
+        ) == {
+            "alpha.height": "holds with none of two kinds of weather; nearest with rain: 0.044 m",
+            "alpha.shift": "holds with wind (there)",
+        }
+
     def test_a_table_says_nothing_of_time_or_memory(self, register):
         """Notebook outputs are compared word by word."""
         verdicts = published.compare({"alpha.height": 0.041}, register=register)

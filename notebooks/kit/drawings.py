@@ -31,12 +31,22 @@ def flight_directions(cases: Mapping[str, Block], title: str, note: str = "") ->
     keys = [style.key(name, **look) for name, look in looks.items()]
     first = next(iter(cases.values()))
     frame = maps.frame_of(first)
-    high = 1.5 if frame.turned else 3.0
-    figure, panels = style.charts(title, note, [high] * len(cases), 1, keys)
-    for axes, (name, block) in zip(panels[:, 0], cases.items(), strict=True):
+    columns = 2 if len(cases) > 3 else 1
+    wide = 0.85 * style.WIDTH / columns
+    spans = [np.ptp(frame.place(block.poses[:, :2]), axis=0) for block in cases.values()]
+    heights = [0.8 + np.clip(1.4 * wide * y / x, 0.5, 2.6) for x, y in spans][::columns]
+    figure, panels = style.charts(title, note, heights, columns, head=1.15)
+    keys += [
+        style.key(f"{role} point", **style.dot(marker, fill, 6.5, style.INK))
+        for role, marker, fill in maps.GROUND
+        if any(_shown(block)["role"].eq(role).any() for block in cases.values())
+    ]
+    style.legend(figure, 0.87, keys)
+    for axes, (name, block) in zip(panels.flat, cases.items(), strict=True):
         style.caption(axes, name)
         x_name, y_name = frame.labels
-        style.label(axes, x_name if axes is panels[-1, 0] else None, y_name)
+        at_left, below = axes in panels[:, 0], axes in panels[-1]
+        style.label(axes, x_name if below else None, y_name if at_left else None)
         images = block.images
         for (flight, _), strip in images.groupby(["flight", "strip"], sort=False, observed=True):
             track = frame.place(strip.sort_values("time_s")[["x", "y"]].to_numpy(float))
@@ -55,11 +65,15 @@ def flight_directions(cases: Mapping[str, Block], title: str, note: str = "") ->
             )  # fmt: skip
         axes.set_aspect("equal", adjustable="datalim")
         surveyed = block.copy()
-        # Thousands of check points from tie points would hide the strips.
-        if len(surveyed.ground) > maps.DOTS_FROM:
-            surveyed.ground = surveyed.ground[surveyed.ground["role"] == "control"]
+        surveyed.ground = _shown(block)
         maps.draw_ground(axes, frame, surveyed, names=False)
     return figure
+
+
+def _shown(block):
+    """Ground points, but for thousands of check points from tie points, which hide the strips."""
+    many = len(block.ground) > maps.DOTS_FROM
+    return block.ground[block.ground["role"] == "control"] if many else block.ground
 
 
 def multiplicity(blocks: Mapping[str, Block], title: str) -> Figure:

@@ -7,8 +7,9 @@ import numpy as np
 import corridor
 from corridor.core.adjustment import lay_on_control
 from corridor.core.block import Block
-from corridor.core.simulation import add_noise
+from corridor.core.simulation import CAMLIGHT, add_noise
 from corridor.tools import thermal
+from kit.draws import Table
 from kit.ring import ring_block
 
 
@@ -85,3 +86,28 @@ def held_by_gnss(block: Block, names, model, calibrated_c: float) -> np.ndarray:
     known = thermal.calibrated_at(block, model, calibrated_c)
     found = corridor.adjust(known, camera="fixed", control=[], check=names, lever_arm="fixed")
     return 1000 * np.array(found.check_rms[:2])
+
+
+# Column of `pylon`, error of tie points (px) and of given targets (mm): as large as published is
+# what is left after the correction.
+LOOPS = {"closed": (0, 0.3, 2.0), "open": (1, 0.1, 0.0)}
+HELD = {"estimated": None, "held": 35.1}
+TIMES = (1, 5, 25, 50)
+
+
+def _strong(times, loop, camera, seed):
+    """The pylon with heat so many times as strong as measured: error, raw and corrected, mm."""
+    heat = camlight(
+        scale=times * 0.075 / CAMLIGHT["f"], radial=times * 0.0117,
+        shift=(-0.07 * times, 0.27 * times),
+    )  # fmt: skip
+    column, tie, targets_mm = LOOPS[loop]
+    found = pylon(heat, tie, loop == "closed", seed, targets_mm=targets_mm, held_at_c=HELD[camera])
+    return dict(zip(("raw", "corrected"), found[:, column], strict=True))
+
+
+STRONG = Table(
+    "pylon_heat", ("times", "loop", "camera", "seed"),
+    [(t, loop, camera, d) for t in TIMES for loop in LOOPS for camera in HELD for d in range(3)],
+    _strong, decimals=3,
+)  # fmt: skip

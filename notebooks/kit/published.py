@@ -290,6 +290,44 @@ def compare(
     return Verdicts(verdicts)
 
 
+def reasons(
+    plain: Verdicts, with_it: Mapping[str, Verdicts], where: str, none_of: str = ""
+) -> dict[str, str]:
+    """For every row that does not hold: with which change it does, or how near the nearest comes.
+
+    with_it: the same rows with one thing changed, by what that is; where: the reader finds those
+    runs; none_of: words for all of them, by default they are listed.
+    """
+    found = {}
+    for verdict in plain:
+        identifier = verdict.published.id
+        if verdict.word == FAILS:
+            cures = [words for words, table in with_it.items() if table[identifier].word == HOLDS]
+            found[identifier] = (
+                f"holds with {', '.join(cures)} {where}" if cures
+                else _nearest_miss({w: t[identifier] for w, t in with_it.items()}, none_of)
+            )  # fmt: skip
+    return found
+
+
+def _nearest_miss(of: Mapping[str, Verdict], none_of: str = "") -> str:
+    """Which number of a row that holds with no change is off, where it is least so."""
+    off = {
+        words: np.abs(np.subtract(one.ours, one.published.values)) / one.published.allowed
+        for words, one in of.items()
+        if one.ours is not None
+    }
+    words = min(off, key=lambda name: off[name].max())
+    k, one = int(off[words].argmax()), of[words]
+    two = ("RMS ", "STD ") if one.published.row.endswith("STD") else ("horizontal ", "height ")
+    names = {3: ("RMS ", "mean ", "STD "), 2: two}
+    part = names.get(len(off[words]), [""])[k]
+    head = f"holds with none of {none_of or ', '.join(off)}; nearest with {words}:"
+    if len(off) == 1:
+        head = f"does not hold with {words} either:"
+    return f"{head} {part}{one.published.text([one.ours[k]])}"
+
+
 def page(notebooks: str | os.PathLike | None = None) -> str:
     """Markdown page of every verdict shown in the executed notebooks of a folder."""
     folder = NOTEBOOKS if notebooks is None else Path(notebooks)

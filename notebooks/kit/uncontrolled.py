@@ -104,16 +104,17 @@ def five_strips() -> dict[str, Plan]:
     }
 
 
-EVEN, UNEVEN = "noise alone", "and an uneven lens"
+EVEN, UNEVEN, SAME = "noise alone", "and an uneven lens", "and the same uneven lens"
 
 
 def _draw(way, lens, seed):
     """Simulated and adjusted: RMS of check points (cm), errors of f and height.
 
-    lens: `EVEN`, or `UNEVEN`, with a deformation of its own in every draw.
+    lens: `EVEN`; `UNEVEN`, with a deformation of its own in every draw; `SAME`, with one for all.
     """
     plan = (two_strips() | five_strips())[way]
-    hidden = uneven(plan)(np.random.default_rng(seed)) if lens == UNEVEN else None
+    of = {UNEVEN: seed, SAME: 0}.get(lens)
+    hidden = None if of is None else uneven(plan)(np.random.default_rng(of))
     block = corridor.simulate(plan, hidden, seed=seed)
     block.lever_arm = {flight.name: flight.lever_arm_m for flight in plan.flights}
     found = corridor.adjust(block, control=[], **KNOWN)
@@ -158,6 +159,7 @@ def _known(plan):
 TABLE = Table(
     "uncontrolled", ("way", "lens", "seed"),
     [(way, EVEN, seed) for way in two_strips() for seed in range(20)]
-    + [(way, lens, seed) for way in five_strips() for lens in (EVEN, UNEVEN) for seed in range(30)],
+    + [(way, lens, seed) for way in five_strips() for lens in (EVEN, UNEVEN) for seed in range(30)]
+    + [("nadir", SAME, seed) for seed in range(12)],
     _draw,
 )  # fmt: skip

@@ -21,7 +21,7 @@ from corridor.core.errors import InputError
 from corridor.core.simulation import read_plan
 from kit import published
 from kit.draws import Table
-from kit.published import Draws, Verdict
+from kit.published import Draws
 from kit.table_7_3 import CAMERAS, Configurations, configurations, in_pairs
 
 READOUT_S = 0.0564  # section 7.4.2.1
@@ -146,16 +146,20 @@ CAUSES = {
 
 
 def flown(
-    survey: str, seed: int, ties: int | None = None, cause: str = NOTHING, amount: float = 0.0
-) -> Block:
+    survey: str, seed: int, ties: int | None = None, cause: str = NOTHING, amount: float = 0.0,
+    **noise: float,
+) -> Block:  # fmt: skip
     """A survey as recorded in the drone's files, with so much of a cause.
 
-    survey: key of `SURVEYS` or name of a plan. Time stamps are cut to whole seconds, velocities and
-    angular rates are not recorded.
+    survey: key of `SURVEYS` or name of a plan. noise: as in a plan. Time stamps are cut to whole
+    seconds, velocities and angular rates are not recorded.
     """
     plan = read_plan(SURVEYS.get(survey, (survey,))[0])
     ties = TIES_OF.get(survey, TIES) if ties is None else ties
-    plan = replace(plan, tie_points=replace(plan.tie_points, per_image=ties))
+    plan = replace(
+        plan, tie_points=replace(plan.tie_points, per_image=ties),
+        noise=replace(plan.noise, **noise),
+    )  # fmt: skip
     one = CAUSES.get(cause)
     if one and one.plan:
         plan = one.plan(plan, amount)
@@ -434,37 +438,11 @@ def reasons(
         rows = some(draws, survey, cause, amount)
         return published.compare(of(rows, survey), register=_register())
 
-    plain, with_it = compared(), {}
+    with_it = {}
     for cause, amount in causes.items():
         amount = nearest(draws, survey, cause, amount)
         with_it[f"{cause} {amount:g} {CAUSES[cause].unit}".strip()] = compared(cause, amount)
-    found = {}
-    for verdict in plain:
-        identifier = verdict.published.id
-        if verdict.word == published.FAILS:
-            cures = [words for words, table in with_it.items()
-                     if table[identifier].word == published.HOLDS]  # fmt: skip
-            found[identifier] = (
-                f"holds with {', '.join(cures)} (chapter 5c)" if cures
-                else _nearest_miss({w: table[identifier] for w, table in with_it.items()})
-            )  # fmt: skip
-    return found
-
-
-def _nearest_miss(of: Mapping[str, Verdict]) -> str:
-    """Which number of a row that holds with no cause is off, where it is least so."""
-    off = {
-        words: np.abs(np.subtract(one.ours, one.published.values)) / one.published.allowed
-        for words, one in of.items()
-        if one.ours is not None
-    }
-    words = min(off, key=lambda name: off[name].max())
-    k, one = int(off[words].argmax()), of[words]
-    part = {3: ("RMS ", "mean ", "STD "), 2: ("horizontal ", "height ")}.get(len(off[words]), [""])
-    head = f"holds with none of {', '.join(off)}; nearest with {words}:"
-    if len(off) == 1:
-        head = f"does not hold with {words} either:"
-    return f"{head} {part[k]}{one.ours[k]:.1f} {one.published.unit}"
+    return published.reasons(compared(), with_it, "(chapter 5c)")
 
 
 # What is in the table: every cause at every amount over 90 m, those that are left over elsewhere.
@@ -489,7 +467,7 @@ PLANNED = [
     for seed in range(24 if (survey, cause) == ("d2", NOTHING) else SEEDS)
 ]
 # Where a motion of each image is estimated as well, with which cameras: beside nothing, and beside
-# what is left over. Not for dataset 3: motions of 648 images take seven minutes of a processor.
+# what is left over. Not for dataset 3: motions of 648 images take six minutes of a processor.
 PER_IMAGE = {(survey, NOTHING, 0.0): CAMERAS for survey in ("d1", "d2", "d4")} | dict.fromkeys(
     [
         ("d2", "rotation", 1.0), ("d2", "pitch", 1.0), ("d2", "roll", 1.0), ("d2", "yaw", 2.0),
@@ -516,6 +494,24 @@ def _with_priors(times, seed):
         priors={f"motion_per_image.{p.name}": (0.0, times * p.scale) for p in at},
     ).table  # fmt: skip
     return {f"gain {k}": found.loc[f"m-8p-GCP{k}", "gain"] for k in (1, 2)}
+
+
+def _surveyed(control_cm, seed):
+    """90 m with a motion of each image, ground points known to so much an axis: RMS, cm."""
+    block = flown("d2", seed, control_m=control_cm / 100)
+    found = processed(
+        block, per_image="motion_per_image", cameras={"8p": "fraser8"}, corrected={}
+    ).table
+    return {f"GCP{k} {p}": found.loc[f"m-8p-GCP{k}", f"rms_{p}"] for k in (1, 2) for p in PARTS}
+
+
+def surveyed(control_cm: float) -> dict[str, Draws]:
+    """Numbers of the draws of `SURVEYED` for Pix4D's rows at 90 m, by their id in the register."""
+    rows = SURVEYED.some([(control_cm, seed) for seed in range(SEEDS)])
+    return {
+        f"shutter.pix4d_rms.d2.c_8p_{k}": Draws(rows[[f"GCP{k} {p}" for p in PARTS]].to_numpy())
+        for k in (1, 2)
+    }
 
 
 # How the oblique flight of dataset 3 may have been flown.
@@ -554,5 +550,10 @@ def _oblique(way, seed):
 PRIORS = Table(
     "viabon_priors", ("times", "seed"), [(times, seed) for times in (1, 10) for seed in range(8)],
     _with_priors,
+)  # fmt: skip
+CONTROL_CM = (0.5, 0.7)
+SURVEYED = Table(
+    "viabon_surveyed", ("control_cm", "seed"),
+    [(control, seed) for control in CONTROL_CM for seed in range(SEEDS)], _surveyed, decimals=2,
 )  # fmt: skip
 OBLIQUE = Table("viabon_oblique", ("way", "seed"), [(way, 0) for way in OBLIQUE_WAYS], _oblique)

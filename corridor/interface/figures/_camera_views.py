@@ -50,7 +50,7 @@ def camera_views(block: Block) -> Figure:
         )
         axes.plot(*frame.place(pose[rows, :2]).T, ls="", marker=marker, ms=3, color=colour)
         keys.append(style.key(name, ls=dashes, lw=0.9, marker=marker, ms=5, color=colour))
-    maps.draw_ground(axes, frame, block, names=False)
+    keys += maps.draw_ground(axes, frame, block, names=False)
     style.legend(figure, 0.87, keys)
     box = (0.05, 0.0, 0.9, 3.9 / figure.get_size_inches()[1])
     axes = figure.add_axes(box, projection="3d", facecolor="white", computed_zorder=False)
