@@ -671,11 +671,14 @@ def _threes(names, key: str, given, residual, weight, unit="m", turn=None) -> pd
     if turn is not None and (turn != np.eye(3)).any():
         residual = along_axes(turn, residual)
         sigma = np.sqrt(np.einsum("nii->ni", covariance_of(turn, weight)))
-    frame = pd.DataFrame({key: list(names)})
-    if given is not None:
-        frame[["x", "y", "z"]] = given
-    frame[["vx", "vy", "vz"]] = residual
-    frame[["sx", "sy", "sz"]] = sigma
     usual = robust_scale(scaled, least=1e-6) if len(scaled) > 6 else 1.0
-    frame["outlier"] = is_outlier(scaled, usual).any(axis=1)
+    parts = {"": given, "v": residual, "s": sigma}
+    columns = {
+        label + axis: part[:, k]
+        for label, part in parts.items()
+        if part is not None
+        for k, axis in enumerate("xyz")
+    }
+    outlier = is_outlier(scaled, usual).any(axis=1)
+    frame = pd.DataFrame({key: list(names), **columns, "outlier": outlier})
     return with_units(frame, {unit: "x y z vx vy vz sx sy sz"})
