@@ -208,6 +208,12 @@ def _adjusted(block: Block, loss: str, max_iterations: int) -> least_squares.Adj
     ties = found.residuals["tie"]
     wrong = pd.MultiIndex.from_frame(ties.loc[ties["gross"], ["point", "image"]].astype(str))
     block = found.block
+    camera = block.cameras[_one_camera(block)]
+    if camera.too_short:
+        raise AdjustmentFailed(
+            f"the flight does not determine the focal length, which comes out as {camera['f']:.0f} "
+            "px: photograph from a second height or obliquely, or add control points"
+        )
     if len(wrong):
         all_ties = pd.MultiIndex.from_frame(block.tie_points[["point", "image"]].astype(str))
         block.tie_points = block.tie_points[~all_ties.isin(wrong)].reset_index(drop=True)

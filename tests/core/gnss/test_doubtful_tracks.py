@@ -170,6 +170,24 @@ class TestEpochs:
         off = (found[XYZ].to_numpy() - place(at)) / found[SXYZ].to_numpy()
         assert np.abs(off).max() < 5
 
+    @pytest.mark.parametrize("row", [50, 52])
+    def test_a_false_epoch_where_a_drone_stops_is_told_by_its_height(self, row):
+        """From 5 m/s to a stop in 2 s, and aside: one epoch a second says nothing of it in plan."""
+        fine = np.arange(0.0, 100.0, 0.01)
+        speed = 5.0 * np.clip((52.0 - fine) / 2.0, 0.0, 1.0)
+        track = flown(1.0, seed=row)
+        stops = np.cumsum([speed, (5.0 - speed) / 2.0], axis=1).T[::100] * 0.01
+        track[["x", "y"]] += stops - place(track["time_s"])[:, :2]
+        at = track["time_s"].to_numpy()[[row]]
+        sound = interpolate(track, at)
+        track.loc[row, XYZ] += [0.3, -0.25, 0.3]
+        found = interpolate(track, at)
+        said = f"1 epoch stands alone, .* left out of the track: that at {row:.3f} s"
+        assert any(re.match(said, note) for note in found.notes)
+        assert not any("left out" in note for note in sound.notes)
+        off = (found.table[XYZ] - sound.table[XYZ]).to_numpy() / found.table[SXYZ].to_numpy()
+        assert np.abs(off).max() < 5
+
     @pytest.mark.parametrize("many", [2, 3])
     def test_epochs_that_are_false_together_are_left_out(self, many):
         track = flown(10.0, seconds=40.0, seed=7)

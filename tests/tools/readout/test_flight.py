@@ -151,6 +151,12 @@ class TestRefused:
         assert use(alone)[:2] == (None, None)
         assert "measure it from photographs" in use(alone)[2]
 
+    def test_a_focal_length_that_runs_away_is_not_said_to_stand_in_the_block(self):
+        """One speed, one height, positions to a metre: from 5,504 px it ran to 196."""
+        block = survey(5002, untold=True)[0]
+        with pytest.raises(AdjustmentFailed, match="^the flight does not determine the focal le"):
+            readout_from_flight(block, advise=False)
+
     def test_an_adjustment_that_does_not_settle_says_what_it_was_of(self, monkeypatch):
         monkeypatch.setattr("corridor.tools.readout.flight._FIRST_ITERATIONS", 1)
         with pytest.raises(AdjustmentFailed, match="rolling_shutter.*did not converge in 1 iter"):

@@ -22,6 +22,8 @@ import numpy as np
 import pandas as pd
 
 from corridor.core.geometry import OUTLIER, robust_scale
+from corridor.core.gnss.interpolation.jumps import curve_weights
+from corridor.core.gnss.interpolation.regimes import GROUPS
 from corridor.core.gnss.interpolation.segmenting import stated_sigmas
 
 # Two g: multicopters that survey tilt by 35 degrees (0.7 g) and fall by one g at most.
@@ -73,23 +75,25 @@ def _false(time, position, stated, rows) -> dict[int, float]:
         off, noise = _off_in_sigmas(time[rows], position[rows], stated[rows])
         # Epochs on a line are off by rounding alone, beside no noise: 1 nm at least.
         in_sigmas = off / np.maximum(noise, 1e-9)
-        size = in_sigmas.max(axis=1)
-        around = np.lib.stride_tricks.sliding_window_view(np.pad(size, 2 * _REACH), 4 * _REACH + 1)
-        gone = []
-        for k in np.flatnonzero((size > _OWN_SIGMAS) & (size >= around.max(axis=1))):
-            row, axis = int(k) + _REACH, int(np.argmax(in_sigmas[k]))
-            near = np.arange(max(row - _LOOK, 0), min(row + _LOOK + 1, len(rows)))
-            rest = rows[near[near != row]]
-            left, _ = _beside_cubic(time[rest], position[rest, axis], stated[rest, axis])
-            most = max(_QUIET * off[k, axis], _SIGMAS / 2 * noise[k, axis])
-            ahead = _off_ahead(time[rows], position[rows, axis], row)
-            if left.max() < most < ahead:
-                gone.append(row)
+        gone: set[int] = set()
+        # Height first: where a drone brakes or turns in plan, it still says what is false.
+        for _, axes in reversed(GROUPS):
+            size = in_sigmas[:, axes].max(axis=1)
+            around = np.pad(size, 2 * _REACH)
+            around = np.lib.stride_tricks.sliding_window_view(around, 4 * _REACH + 1).max(axis=1)
+            for k in np.flatnonzero((size > _OWN_SIGMAS) & (size >= around)):
+                row, axis = int(k) + _REACH, axes[int(np.argmax(in_sigmas[k, axes]))]
+                near = np.arange(max(row - _LOOK, 0), min(row + _LOOK + 1, len(rows)))
+                rest = rows[near[near != row]]
+                left, _ = _beside_cubic(time[rest], position[rest, axis], stated[rest, axis])
+                most = max(_QUIET * off[k, axis], _SIGMAS / 2 * noise[k, axis])
+                ahead = _off_ahead(time[rows], position[rows, axis], row)
+                if left.max() < most < ahead and not gone & set(near.tolist()):
+                    gone.add(row)
         if not gone:
             break
-        for row in gone:
-            found[int(rows[row])] = float(np.linalg.norm(off[row - _REACH]))
-        rows = np.delete(rows, gone)
+        found |= {int(rows[row]): float(np.linalg.norm(off[row - _REACH])) for row in gone}
+        rows = np.delete(rows, list(gone))
     return found
 
 
@@ -161,15 +165,10 @@ def singular_epochs(track: pd.DataFrame, pieces: pd.DataFrame) -> list[Singular]
 def _beside_cubic(time, value, sigma) -> tuple[np.ndarray, np.ndarray]:
     """How far epochs lie off the cubic through two on either side, and the sigma of that."""
     n = len(time) - 2 * _REACH
-    near = [slice(k, k + n) for k in range(2 * _REACH + 1) if k != _REACH]
     here = slice(_REACH, _REACH + n)
-    off, variance = value[here].copy(), sigma[here] ** 2
-    for one in near:
-        weight = np.ones(n)
-        for other in near:
-            if other != one:
-                weight *= (time[here] - time[other]) / (time[one] - time[other])
-        off -= weight * value[one]
-        variance += (weight * sigma[one]) ** 2
+    near = np.arange(n)[:, None] + [k for k in range(2 * _REACH + 1) if k != _REACH]
+    weight = curve_weights(time[near], time[here])
+    off = value[here] - (weight * value[near]).sum(axis=1)
+    variance = sigma[here] ** 2 + (weight**2 * sigma[near] ** 2).sum(axis=1)
     off = np.abs(off)
     return off, np.maximum(np.sqrt(variance), robust_scale(off))

@@ -97,7 +97,7 @@ def _pair_off(time, position, stated) -> tuple[np.ndarray, np.ndarray]:
     the standard deviation of that; the first row is of the third and fourth epoch."""
     n = len(time) - 5
     rows = np.arange(n)[:, None] + [0, 1, 4, 5]
-    weight = sum(_weights(time[rows], time[2 + k : 2 + k + n]) for k in (0, 1)) / 2
+    weight = sum(curve_weights(time[rows], time[2 + k : 2 + k + n]) for k in (0, 1)) / 2
     by = (position[2 : 2 + n] + position[3 : 3 + n]) / 2
     by = by - np.einsum("nk,nka->na", weight, position[rows])
     noise = np.einsum("nk,nka->na", weight**2, stated[rows] ** 2)
@@ -140,7 +140,7 @@ def _apart(time, position, stated) -> tuple[np.ndarray, np.ndarray]:
     by, noise = (np.zeros((n, 3)) for _ in range(2))
     for share in _TRIED:
         at = (start + end) / 2 + share * (end - start)
-        one, other = (_weights(time[rows], at) for rows in (left, right))
+        one, other = (curve_weights(time[rows], at) for rows in (left, right))
         apart = np.einsum("nk,nka->na", other, position[right])
         apart -= np.einsum("nk,nka->na", one, position[left])
         nearer = np.linalg.norm(apart, axis=1) < best
@@ -151,7 +151,7 @@ def _apart(time, position, stated) -> tuple[np.ndarray, np.ndarray]:
     return by, noise
 
 
-def _weights(time: np.ndarray, at: np.ndarray) -> np.ndarray:
+def curve_weights(time: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Weights (n, k) of the epochs at times (n, k) in the curve through them, at moments (n,)."""
     out = np.ones(time.shape)
     for one in range(time.shape[1]):
