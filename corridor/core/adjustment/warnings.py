@@ -34,7 +34,7 @@ WIDEST_RAD = 1.37
 # which no mounting moves by.
 _SURE_OF_ARMS, _OTHER_ARM_M = 5.0, 0.1
 # Control that is stated this coarsely, m, and by points that are several fits to this share of it.
-_COARSE_M, _SEVERAL, _FINE = 0.5, 4, 0.1
+_COARSE_M, _SEVERAL, _FINE = 0.1, 4, 0.1
 # Sigma naught of a kind of observation that contradicts what is stated of it.
 _DOUBTFUL = 2.0
 
@@ -349,7 +349,7 @@ def _fit(a):
         return
     left, stated = (values_of(control, *(f"{one}{axis}" for axis in "xyz")) for one in "vs")
     size, usual = float(np.sqrt(np.mean(left**2))), float(np.median(stated))
-    if usual > _COARSE_M and size < _FINE * usual:
+    if usual >= _COARSE_M and size < _FINE * usual:
         yield (
             f"Ground control is stated to {usual:g} m and fits to {size:.2g} m (RMS), so it hardly "
             "counts: are its standard deviations (sx, sy, sz of ground.csv, control_m of "

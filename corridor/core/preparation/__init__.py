@@ -11,6 +11,7 @@ from corridor.core.preparation.half_turns import (
 from corridor.core.preparation.plausibility import (
     AXES,
     UNITS_M,
+    coarse_sigmas,
     marks_of_another_size,
     mirrored,
     plausibility_warnings,

@@ -20,6 +20,7 @@ from corridor.core.preparation.plausibility_of_motion import motion_warnings
 from corridor.core.preparation.plausibility_of_rigs import rig_warnings
 from corridor.core.preparation.plausibility_of_rows import row_warnings
 from corridor.core.preparation.plausibility_on_earth import earth_warnings
+from corridor.core.preparation.record import derived
 
 # Observations outside their picture: a few are bad matches, which are named one by one.
 _SHARE_OUTSIDE = 0.02
@@ -63,6 +64,7 @@ _OF_UNIT = 0.02
 # Drones, which fly below a height, and aircraft carry an antenna no farther from the camera.
 _OF_DRONES_M, _LONGEST_ARM_M = 150.0, (2.5, 15.0)
 _LEAST_UNIT_PX = 5.0  # of marks that are not in pixels
+_COARSE_M = 0.1  # no surveyed point, and no antenna of a survey, is stated so coarsely for long
 # Axes that coordinates are given in by mistake: their order and signs.
 AXES = (
     ("x and y exchanged", [1, 0, 2], [1, 1, 1]),
@@ -494,6 +496,43 @@ def _in_other_units(measured: np.ndarray, there: np.ndarray, size: np.ndarray):
         if unit > _LEAST_UNIT_PX:
             told = f"1 were {unit:.4g} px (millimetres, or a share of the width?)"
             yield f"they were counted from the middle{words}, and {told}", size / 2 + unit * turned
+
+
+# --- standard deviations ----------------------------------------------------------------------
+
+
+def coarse_sigmas(block: Block) -> Iterator[str]:
+    """Sentences on positions and control that lie ten times nearer to the start poses than their
+    standard deviations say: millimetres or centimetres taken for metres. For what adjusts nothing;
+    an adjustment says it by its residuals."""
+    known = {one.column for one in derived(block)}
+    at = block.image_rows("gnss")
+    away = block.numbers("gnss", *"xyz") - block.numbers("images", *"xyz")[at]
+    flight = block.image_flight[at]
+    for one in np.unique(flight):
+        away[flight == one] -= np.nanmedian(away[flight == one], axis=0)
+    away = away[np.isfinite(away).all(axis=1)]
+    if len(away) >= _FEWEST and "gnss.sx" not in known:
+        yield from _coarse("gnss", "GNSS positions", block.gnss_sigma(), np.median(np.abs(away)))
+    if len(block.ground) < _SOME or len(block.marks) < _FEWEST:
+        return
+    seen, measured, there, _ = _marks_as_posed(block)
+    f = np.array([camera["f"] for camera in block.cameras.values()])[block.image_camera[seen.image]]
+    above = block.poses[seen.image, 2] - float(np.median(block.column("ground", "z")))
+    off = np.linalg.norm(measured - there, axis=1) / f * above
+    if len(off) >= _FEWEST:
+        yield from _coarse("ground", "ground points", block.ground_sigma(), np.median(off))
+
+
+def _coarse(table: str, what: str, sigma: np.ndarray, away: float) -> Iterator[str]:
+    usual = float(np.median(sigma)) if len(sigma) else 0.0
+    if usual >= _COARSE_M and 0.0 < away < _OF_ONE * usual:
+        default = {"gnss": "gnss_m", "ground": "control_m"}[table]
+        yield (
+            f"{table}.csv: {what} are stated to {usual:g} m and lie within {away:.2g} m (median) "
+            f"of where the start poses put them: are their standard deviations (sx, sy, sz, or "
+            f"{default} of block.toml) in metres? 8 mm are 0.008."
+        )
 
 
 # --- positions --------------------------------------------------------------------------------
