@@ -268,6 +268,7 @@ def _sigmas(*of_axes: float):
     return changed
 
 
+POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 12345\n"
 _T = "block.toml"
 # Name: file, change, kind, status, what is said.
 BLOCKS = {
@@ -304,6 +305,11 @@ BLOCKS = {
                         "ground points are stated to 5 m"),
     "sigma_ground_cm": (_T, _swap("control_m = [0.005, 0.005, 0.005]", "control_m = 0.5"),
                         "standard deviations", 0, "ground points are stated to 0.5 m"),
+    "lfs": ("tie_points.csv", lambda _: POINTER, "files that are something else", 2, "git lfs pull"),
+    "workbook": ("images.csv", lambda _: "PK\3\4 and more", "files that are something else", 2,
+                 "images.csv is an Excel workbook"),
+    "page": ("ground.csv", lambda _: "<!DOCTYPE html><html></html>",
+             "files that are something else", 2, "ground.csv is a page of the web"),
     "marks_nbsp": ("marks.csv", _swap("G01,", "G01\u00a0,"), "marks", 2, "row 2: .* blanks around it"),
 }  # fmt: skip
 
@@ -460,6 +466,11 @@ PROJECTS = {
     "ms_gda": ("metashape", _META, _in_system("EPSG:4283"), 0, "of another place.*Australia"),
     "bg_albers": ("cv_degrees", ("convention.toml",),
                   _bytes(lambda t: t.replace("25832", "3577")), 0, "of another place"),
+    "ms_page": ("metashape", _META[:1], lambda _: b"<html>Sign in</html>", 2, "a page of the web"),
+    "cm_pointer": ("colmap-text", _COLMAP[2:], lambda _: POINTER.encode(), 2, "points3D.txt .*lfs pull"),
+    "os_pointer": ("opensfm", ("reconstruction.json",), lambda _: POINTER.encode(), 2, "lfs pull"),
+    "p4_empty": ("pix4d", ("s_tp_bingo.txt",), lambda _: b"", 2, "s_tp_bingo.txt is empty"),
+    "p4_page": ("pix4d", ("s_tp_bingo.txt",), lambda _: b"<!doctype html>", 2, "a page of the web"),
     "ms_f": ("metashape", _META, _bytes(lambda t: re.sub("<f>[^<]*", "<f>4.29", t)), 2, "f is in pixels"),
     "ms_comma": ("metashape", _META, _bytes(lambda t: re.sub(r"(\d)\.(\d+ )", r"\1,\2", t)), 2, ""),
     "cm_bom": ("colmap-text", _COLMAP, lambda data: b"\xef\xbb\xbf" + data, 0, "2,248 tie"),

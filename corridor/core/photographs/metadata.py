@@ -23,8 +23,8 @@ class Metadata:
 
     width, height_px: of the stored picture; written_size: what the camera wrote. pixels_per_mm: of
     the sensor, in pixels as taken. taken: by the camera's clock. lat_deg, lon_deg (WGS 84),
-    height (m, as written: of the ellipsoid or the sea).
-    exif_height: EXIF's own, where XMP gives another. sigma: east, north, up, m. flag: DJI's quality. yaw, pitch, roll: degrees of the gimbal or the
+    height (m, as written: of the ellipsoid or the sea); exif_height: EXIF's, where XMP has one too.
+    sigma: east, north, up, m. flag: DJI's quality. yaw, pitch, roll: degrees of the gimbal or the
     camera, as written: the yaw of some gimbals counts from the airframe's, `flight_yaw`, which
     counts from north. serial: of the body. temperature_c and what it is of. velocity: east, north,
     up, m/s, and what says so. apart_m: horizontally, from EXIF's position to

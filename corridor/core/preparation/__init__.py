@@ -14,6 +14,7 @@ from corridor.core.preparation.plausibility import (
     coarse_sigmas,
     marks_of_another_size,
     mirrored,
+    passed_over,
     plausibility_warnings,
     position_difference,
     position_disagreement,

@@ -95,7 +95,7 @@ def plausibility_warnings(block: Block, without: bool = False) -> list[str]:
         *_settings(block),
         *_units(block),
         *rig_warnings(block),
-        *_passed_over(block),
+        *passed_over(block),
         *_other_spelling(block),
         *motion_warnings(block),
     ]
@@ -104,8 +104,8 @@ def plausibility_warnings(block: Block, without: bool = False) -> list[str]:
 # --- files ------------------------------------------------------------------------------------
 
 
-def _passed_over(block: Block) -> Iterator[str]:
-    """Files of the folder that are called nearly as a table that the block lacks."""
+def passed_over(block: Block) -> Iterator[str]:
+    """Sentences on files of the folder that are called nearly as a table that the block lacks."""
     if block.folder is None or not block.folder.is_dir():
         return
     lacking = [table for table in LAYOUTS if not len(getattr(block, table))]
@@ -113,6 +113,8 @@ def _passed_over(block: Block) -> Iterator[str]:
     for name in names:
         stem = name.partition(".")[0]
         near = get_close_matches(stem.lower().replace("-", "_"), lacking, 1, _ALIKE)
+        # What synchronising programs and explorers make of a name: `ground (1).csv`.
+        near = near or [one for one in lacking if re.match(rf"{one}[ _(-].*\.csv$", name, re.I)]
         if near and name not in (f"{near[0]}.csv", f"{near[0]}.parquet"):
             yield f"{name} is not read: a block has {near[0]}.csv (or {near[0]}.parquet)."
 

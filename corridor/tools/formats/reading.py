@@ -11,12 +11,19 @@ from corridor.core import registry
 from corridor.core.block import SIGMAS, Block, places
 from corridor.core.errors import InputError
 from corridor.core.gnss import known_crs, metric
+from corridor.core.preparation import passed_over
+from corridor.core.textfile import disguised
 from corridor.tools.formats.control import placed_by_own
 from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.programs import candidates, formats
 from corridor.tools.formats.project import Project, near_origin
 from corridor.tools.formats.strange import TEXT, strange
 
+# Endings of the files that projects are made of.
+_OF_PROJECTS = (
+    ".txt", ".csv", ".json", ".xml", ".bin", ".toml", ".parquet", ".psx", ".psz", ".out", ".nvm",
+    ".sfm", ".dat", ".xyz", ".prj", ".db", ".p4d",
+)  # fmt: skip
 # A few bad matches lie outside their picture.
 _MOST_OUTSIDE = 0.02
 
@@ -34,6 +41,8 @@ def read_project(
     path, others = Path(path), []
     if not path.exists():
         raise _not_there(path)
+    if told := _disguised(path):
+        raise InputError(told)
     form = form.lower()
     # A format may be written in several forms, all of which it reads.
     known = formats().items()
@@ -45,9 +54,14 @@ def read_project(
         raise InputError(f"format {form!r} is unknown; use auto, photos or one of {known}")
     else:
         path = next((place for name, place in candidates(path) if name == form), path)
+    if told := _disguised(path):
+        raise InputError(told)
     with blaming(path, f"a project of {form}"):
         project = formats()[form].read(path, size)
-        project = project if project.own else _counted_in_metres(project)
+        if project.own:
+            project = project.warned(*passed_over(project.block))
+        else:
+            project = _counted_in_metres(project)
         ties = not project.own and len(project.block.tie_points)
         outside = project.block.outside("tie_points").mean() if ties else 0.0
         if outside > _MOST_OUTSIDE and size is None:
@@ -113,6 +127,13 @@ def _unseen(block: Block) -> list[str]:
             f"{block.images['image'][bare].iloc[0]})"
         )
     return warnings
+
+
+def _disguised(path: Path) -> str:
+    """A sentence on a file, or one of a folder, that is not what its name says; or empty."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    told = ((file, disguised(file)) for file in files if file.suffix.lower() in _OF_PROJECTS)
+    return next((f"{file} is {what}" for file, what in told if what), "")
 
 
 def _not_there(path: Path) -> InputError:

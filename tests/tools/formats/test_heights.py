@@ -1,4 +1,4 @@
-"""The unit of heights is told by the shape of a flight that rises, and by nothing in a level one."""
+"""The unit of heights is told by the shape of a flight that rises; a level one tells nothing."""
 
 import numpy as np
 import pytest

@@ -122,8 +122,8 @@ def _with_order_told(project: Project, folder: Path, table: dict) -> Project:
     surer = good.sum() * float(np.log(turned / size)) if size and turned else 0.0
     if surer < -_SURE:
         return project.warned(
-            f'{CONVENTION}: the rays meet better if [poses] angles = "{other}" ({turned:.2f} px RMS '
-            f"in place of {size:.2f}): correct it, unless the poses are of another adjustment"
+            f'{CONVENTION}: the rays meet better if [poses] angles = "{other}" ({turned:.2f} px '
+            f"RMS in place of {size:.2f}): correct it, unless the poses are of another adjustment"
         )
     return project if surer > _SURE else project.noted(_UNSEEN.format(other))
 
@@ -305,6 +305,8 @@ def image_blocks(path: Path) -> Iterator[tuple[Line, list[Line]]]:
 
     Raises InputError where the file ends without one.
     """
+    if not path.stat().st_size:
+        raise InputError(f"{path.name} is empty; export it again")
     head, points = None, []
     for line in filled(path):
         if line.text.split() == [END]:
