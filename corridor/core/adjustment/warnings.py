@@ -430,10 +430,12 @@ def _outliers(a, missed):
         gross = gross if found["gross"] else ""
         advice = ": a robust loss (huber:2) limits their weight" if a.system.loss.kind == 0 else ""
         yield (
-            f"{found['outliers']} of {found['count']} {what} observations ({share:.1f} %) lie "
-            f"beyond 5 robust sigmas{gross}{advice}."
+            f"{found['outliers']} of {found['count']} {what} observations ({share:.2g} %) "
+            f"{'lies' if found['outliers'] == 1 else 'lie'} beyond 5 robust sigmas{gross}{advice}."
         )
-    reject = "" if "antenna" in missed else ": --reject-gnss leaves them out"
+    # What most of a kind does is no outlier of it.
+    few = 2 * a.statistics.get("gnss", {}).get("outliers", 0) <= len(a.residuals["gnss"])
+    reject = "; --reject-gnss leaves such out" if few and "antenna" not in missed else ""
     for kind, what, remedy in (
         ("gnss", "GNSS position", reject),
         ("control", "control point", ""),
@@ -444,7 +446,8 @@ def _outliers(a, missed):
             frame = a.residuals[kind]
             names = frame.loc[frame["outlier"], frame.columns[0]].astype(str).tolist()
             yield (
-                f"{counted(len(names), what)} beyond 5 robust sigmas: {some(names, 10)}{remedy}."
+                f"{counted(len(names), what)} {'lies' if len(names) == 1 else 'lie'} beyond 5 "
+                f"robust sigmas: {some(names, 10)}{remedy}."
             )
 
 
@@ -455,10 +458,10 @@ def _insignificant(a):
         & (a.camera["value"].abs() < 2 * a.camera["sigma"])
     ]
     if len(weak):
-        names = [
-            f"{parameter} of camera {some(rows['camera'], 10)}"
-            for parameter, rows in weak.groupby("parameter", sort=False)
-        ]
+        alike: dict[str, list[str]] = {}
+        for parameter, rows in weak.groupby("parameter", sort=False):
+            alike.setdefault(some(rows["camera"], 10), []).append(str(parameter))
+        names = [f"{some(own, 10)} of camera {camera}" for camera, own in alike.items()]
         yield f"Not significantly different from zero: {'; '.join(names)}."
     told = a.effects[a.effects["sigma"] > 0]
     members, block = a.problem.stack.members, a.problem.block

@@ -116,8 +116,8 @@ def _read(path: Path) -> Track | Exposures:
         raise InputError(f"{path} does not exist; correct the path")
     if path.suffix == ".parquet":
         return block_table.read(path)
-    if told := disguised(path):
-        raise InputError(f"{path.name} is {told}")
+    if other := disguised(path):
+        raise InputError(f"{path.name} is {other}")
     if pospac.is_sbet(path):
         return pospac.read_sbet(path)
     if path.suffix.lower() in (".out", ".sbet") and "sbet" in path.name.lower():

@@ -167,7 +167,7 @@ def _of_ground(block: Block) -> tuple[list[str], list[str]]:
         why = f"and the cameras {high:.0f} m above it: do they count from the take-off?"
     elif abs(flown * _FOOT_M / high - 1.0) < _OF_FEET:
         why = f"and the cameras {high:.0f} m above it, {flown:.0f} feet: are they in feet?"
-    return [note], [f"{shown[0].upper()}{shown[1:]}, {why}"] if why else []
+    return ([], [f"{shown}, {why}"]) if why else ([note], [])
 
 
 def _of_unmarked(block: Block, high: float) -> Iterator[str]:

@@ -400,9 +400,8 @@ class Contents:
             )
             lost = len(block.tie_points["point"].cat.categories) - len(block.points)
             if lost:
-                self.warnings.append(
-                    f"{lost} tie points have no coordinates: their rays do not meet"
-                )
+                has = "tie point has" if lost == 1 else "tie points have"
+                self.warnings.append(f"{lost} {has} no coordinates: the rays do not meet")
         return Project(form, source, block, notes=self.notes, warnings=self.warnings, **more)
 
     def _of_known_cameras(self, source: Path) -> Contents:

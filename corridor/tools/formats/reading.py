@@ -26,6 +26,7 @@ _OF_PROJECTS = (
 )  # fmt: skip
 # A few bad matches lie outside their picture.
 _MOST_OUTSIDE = 0.02
+_FEW = 0.01  # share of points seen once that mean nothing
 
 
 @np.errstate(all="ignore")
@@ -76,7 +77,8 @@ def read_project(
                 "the points were measured in"
             )
         project = replace(project, block=near_origin(project.block))
-        project = placed_by_own(project).having(warnings=_unseen(project.block))
+        warnings, notes = _unseen(project.block)
+        project = placed_by_own(project).having(warnings=warnings, notes=notes)
     if others:
         also = f"the same place is also a project of {', '.join(others)}: name it so"
         project = project.noted(also)
@@ -101,11 +103,12 @@ def _counted_in_metres(project: Project) -> Project:
     return project.having(notes=[told], crs=crs, offset=unit * block.offset, **tables)
 
 
-def _unseen(block: Block) -> list[str]:
-    """Points and images without observations: a file that ends early at the end of a line."""
+def _unseen(block: Block) -> tuple[list[str], list[str]]:
+    """Warnings and notes on points and images without observations: a file that ends early at the
+    end of a line. A few points whose other rays a program has struck are everywhere."""
     if not len(block.tie_points):
-        return []
-    warnings = []
+        return [], []
+    warnings, notes = [], []
     names = block.tie_points["point"].cat.categories
     codes = block.tie_points["point"].array.codes.astype(np.int64)
     seen = np.bincount(codes, minlength=len(names))
@@ -115,10 +118,14 @@ def _unseen(block: Block) -> list[str]:
         few &= ~block.points["point"].isin(set(block.ground["point"]))
         few &= ~block.points["point"].isin(set(block.marks["point"].cat.categories))
     if few.any():
-        warnings.append(
+        told = (
             f"{int(few.sum())} of {len(block.points)} points are seen in fewer than two images "
-            f"(first: {block.points['point'][few].iloc[0]}): the observations may be cut off"
+            f"(first: {block.points['point'][few].iloc[0]})"
         )
+        if few.mean() < _FEW:
+            notes.append(told)
+        else:
+            warnings.append(f"{told}: the observations may be cut off")
     bare = ~block.images["image"].isin(set(block.tie_points["image"].unique()))
     bare &= ~block.images["image"].isin(set(block.marks["image"].unique()))
     if bare.any():
@@ -126,7 +133,7 @@ def _unseen(block: Block) -> list[str]:
             f"{int(bare.sum())} of {len(block.images)} images see no point (first: "
             f"{block.images['image'][bare].iloc[0]})"
         )
-    return warnings
+    return warnings, notes
 
 
 def _disguised(path: Path) -> str:

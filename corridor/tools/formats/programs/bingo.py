@@ -36,6 +36,7 @@ from corridor.core.camera import Camera
 from corridor.core.errors import InputError, did_you_mean
 from corridor.core.geometry import GROSS
 from corridor.core.gnss import in_metres
+from corridor.core.output import counted
 from corridor.core.textfile import Line, read_toml
 from corridor.tools.formats.cameras import FLIP, in_the_middle
 from corridor.tools.formats.names import Names
@@ -275,7 +276,7 @@ def _views(path, measured, names, used, cameras, notes) -> Views | None:
             x, y = line.numbers([x, y], "a measurement") * scale
             rows.append((name, image, origin[0] + x, origin[1] + up * y))
     if lost:
-        notes.append(f"{path.name}: {lost} images have no pose: left out")
+        notes.append(f"{path.name}: {counted(lost, 'image')} left out, without a pose")
     notes += known.told(path.name)
     return Views.of(rows, "tie points")
 
