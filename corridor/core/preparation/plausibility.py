@@ -184,8 +184,8 @@ def _settings(block: Block) -> Iterator[str]:
         if (length := float(np.linalg.norm(arm))) > longest and high > 0:
             yield (
                 f"block.toml: the lever arm of {name} is {length:.4g} m long; what flies "
-                f"{high:.0f} m above the ground is not so large: lever arms are in metres, "
-                f"{length:.4g} mm are {length / 1000:.4g}."
+                f"{high:.0f} m above the ground is not so large: lever arms are in metres "
+                f"({length:.4g} mm are {length / 1000:.4g}, {length:.4g} cm {length / 100:.4g})."
             )
 
 
@@ -473,10 +473,12 @@ def _marks_of_other_pictures(block: Block) -> Iterator[str]:
         ("x and y were exchanged", measured[:, ::-1]),
     ):
         if np.median(np.linalg.norm(other - there, axis=1)) < _OF_RESIZED * min(off, left):
+            remedy = "Write x and y in pixels from the centre of the top-left pixel, y downwards."
+            if words.startswith("the pictures"):
+                remedy = "Measure them in the pictures in which the tie points were measured."
             yield (
                 f"Marks lie {off:.0f} px (median) from where the start values put them, as if "
-                f"{words}: they are set aside, and ground points with them. Measure them in the "
-                "pictures in which the tie points were measured."
+                f"{words}: they are set aside, and ground points with them. {remedy}"
             )
             return
     if not abs(np.log(max(factor, 1e-9))) > _RESIZED or left > _OF_RESIZED * off:
@@ -496,8 +498,8 @@ def _in_other_units(measured: np.ndarray, there: np.ndarray, size: np.ndarray):
         turned, goal = measured * axes, there - size / 2
         unit = float((turned * goal).sum() / (turned**2).sum())
         if unit > _LEAST_UNIT_PX:
-            told = f"1 were {unit:.4g} px (millimetres, or a share of the width?)"
-            yield f"they were counted from the middle{words}, and {told}", size / 2 + unit * turned
+            told = f"in a unit of {unit:.4g} px (millimetres, or a share of the width?)"
+            yield f"they were counted from the middle{words}, {told}", size / 2 + unit * turned
 
 
 # --- standard deviations ----------------------------------------------------------------------
