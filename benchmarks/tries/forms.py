@@ -257,6 +257,18 @@ def _marks(change):
     return changed
 
 
+def _sigmas(*of_axes: float):
+    """The same standard deviations in every row of a table."""
+    more = ",".join(map(str, of_axes))
+
+    def changed(text: str) -> str:
+        head, *rows = text.splitlines()
+        return "\n".join([f"{head},sx,sy,sz", *(f"{row},{more}" for row in rows), ""])
+
+    return changed
+
+
+POINTER = "version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 12345\n"
 _T = "block.toml"
 # Name: file, change, kind, status, what is said.
 BLOCKS = {
@@ -277,15 +289,27 @@ BLOCKS = {
     "bom": (_T, lambda t: "\ufeff" + t.replace("\n", "\r\n"), "cameras", 0, "29 images"),
     "marks_up": ("marks.csv", _marks(lambda x, y: (x, 791 - y)), "marks", 0, "y were counted upwards"),
     "marks_mm": ("marks.csv", _marks(lambda x, y: ((x - 527.5) * 0.0044, (y - 395.5) * 0.0044)),
-                 "marks", 0, "from the middle, and 1 were 227.3 px"),
+                 "marks", 0, "from the middle, in a unit of 227.3 px"),
     "marks_share": ("marks.csv", _marks(lambda x, y: ((x - 527.5) / 1056, (395.5 - y) / 1056)),
-                    "marks", 0, "from the middle, y upwards, and 1 were 1056 px"),
+                    "marks", 0, "y upwards, in a unit of 1056 px"),
     "marks_percent": ("marks.csv", _marks(lambda x, y: (x / 10.56, y / 7.92)), "marks", 0, "one factor"),
     "marks_quarter": ("marks.csv", _marks(lambda x, y: (x / 4, y / 4)), "marks", 0, "by 3.9"),
     "marks_swapped": ("marks.csv", _marks(lambda x, y: (y, x)), "marks", 0, "x and y were exchanged"),
     "marks_names": ("marks.csv", _swap("\nG0", "\ng 0"), "marks", 0, "Is 'G01' of ground.csv 'g 01'"),
     "marks_comma": ("marks.csv", lambda t: t.replace(".JPG", "#").replace(",", ";").replace(".", ",")
                     .replace("#", ".JPG"), "marks", 0, "51 marks"),
+    "sigma_gnss_mm": (_T, _swap("gnss_m = [0.01, 0.01, 0.02]", "gnss_m = [10, 10, 20]"),
+                      "standard deviations", 0, "GNSS positions are stated to 10 m"),
+    "sigma_gnss_cm": ("gnss.csv", _sigmas(1.0, 1.0, 2.0), "standard deviations", 0, "stated to 1 m"),
+    "sigma_ground_mm": ("ground.csv", _sigmas(5.0, 5.0, 8.0), "standard deviations", 0,
+                        "ground points are stated to 5 m"),
+    "sigma_ground_cm": (_T, _swap("control_m = [0.005, 0.005, 0.005]", "control_m = 0.5"),
+                        "standard deviations", 0, "ground points are stated to 0.5 m"),
+    "lfs": ("tie_points.csv", lambda _: POINTER, "files that are something else", 2, "git lfs pull"),
+    "workbook": ("images.csv", lambda _: "PK\3\4 and more", "files that are something else", 2,
+                 "images.csv is an Excel workbook"),
+    "page": ("ground.csv", lambda _: "<!DOCTYPE html><html></html>",
+             "files that are something else", 2, "ground.csv is a page of the web"),
     "marks_nbsp": ("marks.csv", _swap("G01,", "G01\u00a0,"), "marks", 2, "row 2: .* blanks around it"),
 }  # fmt: skip
 
@@ -348,6 +372,18 @@ def _put(ifd: str, **tags):
     return ifd, {int(tag[1:]): value for tag, value in tags.items()}
 
 
+_XMP = (
+    '<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-'
+    'syntax-ns#"><rdf:Description xmlns:d="http://made/1.0/" {}/></rdf:RDF></x:xmpmeta>'
+)
+_OFF_M = 160.0  # height of the take-off above the ellipsoid
+
+
+def _height(change, side: int = 0, **xmp):
+    """EXIF's height, its sign (1: below the sea) and heights of XMP, as functions of the true."""
+    return "gps", {6: change, 5: lambda _: side.to_bytes()}, xmp
+
+
 # Name: directory and its new tags, what the import must say.
 PHOTOGRAPHS = {
     "f35_right": (_put("own", _41989=lambda v: 33), "f stated 987 ., 26 px|f stated 987"),
@@ -363,11 +399,29 @@ PHOTOGRAPHS = {
     "one_place": (_put("gps", _2=lambda v: (49.01, 0.0, 0.0), _4=lambda v: (8.55, 0.0, 0.0),
                        _6=lambda v: 210.0), "positions of the photographs are the same"),
     "minutes": (_put("gps", _2=lambda v: (49.0, 60 * (v[0] - 49), 0.0)), "29 positions"),
+    "h_right": (_height(lambda h: h), "the ground lies at 160 m, 50 m below .* compare with a map"),
+    "h_feet": (_height(lambda h: h / FOOT), "the ground lies at 6.. m, .* compare with a map"),
+    "h_off": (_height(lambda h: h - _OFF_M), "and the cameras 50 m above it: do they count from the"),
+    "h_off_xmp": (_height(lambda h: h - _OFF_M, RelativeAltitude=lambda h: h - _OFF_M + 0.3),
+                  r"are their heights above the take-off \(XMP says 50"),
+    "h_off_feet": (_height(lambda h: (h - _OFF_M) / FOOT), "16. feet: are they in feet"),
+    "h_off_xmp_feet": (_height(lambda h: (h - _OFF_M) / FOOT, RelativeAltitude=lambda h: h - _OFF_M),
+                       "heights above the take-off in feet"),
+    "h_off_both": (_height(lambda h: h, AbsoluteAltitude=lambda h: h - _OFF_M,
+                           RelativeAltitude=lambda h: h - _OFF_M), "above the take-off .XMP says 50"),
+    "h_sea": (_height(lambda h: h - 47.9, AbsoluteAltitude=lambda h: h),
+              "heights -47.9 m .median. from those of XMP.* above the sea"),
+    "h_xmp": (_height(lambda h: h / FOOT, AbsoluteAltitude=lambda h: h), "EXIF's are in feet"),
+    "h_below": (_height(lambda h: h, side=1), "ground lies at -2.. m, where no land is"),
+    "h_mm": (_height(lambda h: h * 1e3), "where no land is"),
+    "h_zero": (_height(lambda h: 0.0), "all heights of the photographs are 0"),
+    "h_parrot": (_height(lambda h: h - _OFF_M, AboveGroundAltitude=lambda h: h - _OFF_M),
+                 "heights above the take-off"),
 }  # fmt: skip
 
 
 def _photographs(home: Path, name: str) -> None:
-    (which, changes), _ = PHOTOGRAPHS[name]
+    (which, changes, *written), _ = PHOTOGRAPHS[name]
     block, folder = _block(home / "own"), home / f"ph_{name}"
     folder.mkdir(exist_ok=True)
     picture = Image.fromarray(np.full((396, 528), 128, np.uint8))
@@ -380,7 +434,9 @@ def _photographs(home: Path, name: str) -> None:
         gps.update({1: "N", 2: (lat, 0.0, 0.0), 3: "E", 4: (lon, 0.0, 0.0), 6: height})
         table = own if which == "own" else gps
         table.update({tag: change(table.get(tag)) for tag, change in changes.items()})
-        picture.save(folder / str(row.image), exif=exif, quality=30)
+        tags = (f'd:{key}="{of(height):+.3f}"' for key, of in dict(*written).items())
+        more = {"xmp": _XMP.format(" ".join(tags)).encode()} if any(written) else {}
+        picture.save(folder / str(row.image), exif=exif, quality=30, **more)
 
 
 # --- projects -----------------------------------------------------------------------------------
@@ -406,6 +462,15 @@ PROJECTS = {
     "ms_blank": ("metashape", _META, _bytes(lambda t: t.replace('"G02"', '"G02 "')), 0, "51 marks"),
     "ms_jgd": ("metashape", _META, _in_system("EPSG:6667"), 0, "51 marks"),
     "ms_china": ("metashape", _META, _in_system("EPSG:4490"), 0, "51 marks"),
+    "ms_nad": ("metashape", _META, _in_system("EPSG:6318"), 0, "of another place.*United States"),
+    "ms_gda": ("metashape", _META, _in_system("EPSG:4283"), 0, "of another place.*Australia"),
+    "bg_albers": ("cv_degrees", ("convention.toml",),
+                  _bytes(lambda t: t.replace("25832", "3577")), 0, "of another place"),
+    "ms_page": ("metashape", _META[:1], lambda _: b"<html>Sign in</html>", 2, "a page of the web"),
+    "cm_pointer": ("colmap-text", _COLMAP[2:], lambda _: POINTER.encode(), 2, "points3D.txt .*lfs pull"),
+    "os_pointer": ("opensfm", ("reconstruction.json",), lambda _: POINTER.encode(), 2, "lfs pull"),
+    "p4_empty": ("pix4d", ("s_tp_bingo.txt",), lambda _: b"", 2, "s_tp_bingo.txt is empty"),
+    "p4_page": ("pix4d", ("s_tp_bingo.txt",), lambda _: b"<!doctype html>", 2, "a page of the web"),
     "ms_f": ("metashape", _META, _bytes(lambda t: re.sub("<f>[^<]*", "<f>4.29", t)), 2, "f is in pixels"),
     "ms_comma": ("metashape", _META, _bytes(lambda t: re.sub(r"(\d)\.(\d+ )", r"\1,\2", t)), 2, ""),
     "cm_bom": ("colmap-text", _COLMAP, lambda data: b"\xef\xbb\xbf" + data, 0, "2,248 tie"),

@@ -341,6 +341,26 @@ def read_bytes(path: Path) -> bytes:
         raise missing(path, error) from error
 
 
+def disguised(path: Path) -> str:
+    """What stands in a file instead of what its name says, and what to do; empty elsewhere.
+
+    A pointer of Git LFS, a page of the web that was saved, a workbook that was called .csv.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(200).removeprefix(b"\xef\xbb\xbf").lstrip().lower()
+    except OSError:
+        return ""
+    ending = path.suffix.lower()
+    if head.startswith(b"version https://git-lfs"):
+        return "a pointer of Git LFS: fetch the file itself (git lfs pull)"
+    if head.startswith((b"<!doctype html", b"<html")) and ending not in (".html", ".htm"):
+        return "a page of the web: download the file itself"
+    if head.startswith(b"pk\3\4") and ending in (".csv", ".txt"):
+        return "an Excel workbook: save the sheet as comma separated text (.csv), and name that"
+    return ""
+
+
 def missing(path: Path, error: Exception) -> InputError:
     """The sentence for a file that is not there or cannot be read."""
     if isinstance(error, FileNotFoundError):

@@ -71,7 +71,7 @@ ADJUSTED = {
         changed("gnss", sx=20.0, sy=20.0, sz=40.0), 0, "20 m horizontally and 40 m in height", ""
     ),
     "GNSS sigmas a thousandth": (
-        changed("gnss", sx=2e-5, sy=2e-5, sz=4e-5), 0, r"\d+ GNSS positions beyond 5 robust", ""
+        changed("gnss", sx=2e-5, sy=2e-5, sz=4e-5), 0, r"\d+ GNSS positions lie beyond 5 robust", ""
     ),
     "ground heights above the ellipsoid": (plus("ground", z=43.0), 0, "ellipsoid.*geoid", ""),
     "marks of points called otherwise": (

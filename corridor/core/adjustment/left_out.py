@@ -80,13 +80,17 @@ def adjustable_part(block: Block, model: Model, strict: bool = False) -> tuple[B
     notes = wild
     for mine, what in ((alone & ~is_mark, "tie point"), (alone & is_mark, "check point")):
         if mine.any():
-            seen_once = f"{counted(int(mine.sum()), what)} seen in one image only left out"
-            notes.append(f"{seen_once}: {some(names[mine], _NAMED)}.")
+            verb = "is" if mine.sum() == 1 else "are"
+            notes.append(
+                f"{counted(int(mine.sum()), what)} {verb} seen in one image only and {verb} left "
+                f"out: {some(names[mine], _NAMED)}."
+            )
     if few:
         shown = [f"{name} with {number}" for name, number in few.items()]
         notes.append(
-            f"{counted(len(few), 'image')} with fewer than {LEAST_POINTS} points that another "
-            f"image shows, which a pose needs, left out: {some(shown, _NAMED)}."
+            f"{counted(len(few), 'image')} {'has' if len(few) == 1 else 'have'} fewer than "
+            f"{LEAST_POINTS} points that another image shows, which a pose needs, and "
+            f"{'is' if len(few) == 1 else 'are'} left out: {some(shown, _NAMED)}."
         )
     return _without(block, keep | ~counts, there), notes
 

@@ -16,6 +16,7 @@ from corridor.core.adjustment.rigs import lots
 from corridor.core.block import Block, exposures_of, independent, is_among, level_axes, values_of
 from corridor.core.effects import Images
 from corridor.core.errors import InputError
+from corridor.core.output import counted
 
 # Coordinates of ground points known no better than this are worse start values than a result, m.
 VAGUE_M = 1.0
@@ -278,7 +279,8 @@ def _check_images(block: Block, image: np.ndarray, images: Images) -> None:
     few = np.flatnonzero(count < 3)
     if len(few):
         more = f" ({len(few) - 1} more images have too few)" if len(few) > 1 else ""
+        points = counted(int(count[few[0]]), "measured point")
         raise InputError(
-            f"{block.where('images', few[0])}: image {images.names[few[0]]} has {count[few[0]]} "
-            f"measured points, a pose needs 3{more}: measure more or remove the image"
+            f"{block.where('images', few[0])}: image {images.names[few[0]]} has {points}, a pose "
+            f"needs 3{more}: measure more or remove the image"
         )

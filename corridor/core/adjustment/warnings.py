@@ -34,7 +34,7 @@ WIDEST_RAD = 1.37
 # which no mounting moves by.
 _SURE_OF_ARMS, _OTHER_ARM_M = 5.0, 0.1
 # Control that is stated this coarsely, m, and by points that are several fits to this share of it.
-_COARSE_M, _SEVERAL, _FINE = 0.5, 4, 0.1
+_COARSE_M, _SEVERAL, _FINE = 0.1, 4, 0.1
 # Sigma naught of a kind of observation that contradicts what is stated of it.
 _DOUBTFUL = 2.0
 
@@ -349,7 +349,7 @@ def _fit(a):
         return
     left, stated = (values_of(control, *(f"{one}{axis}" for axis in "xyz")) for one in "vs")
     size, usual = float(np.sqrt(np.mean(left**2))), float(np.median(stated))
-    if usual > _COARSE_M and size < _FINE * usual:
+    if usual >= _COARSE_M and size < _FINE * usual:
         yield (
             f"Ground control is stated to {usual:g} m and fits to {size:.2g} m (RMS), so it hardly "
             "counts: are its standard deviations (sx, sy, sz of ground.csv, control_m of "
@@ -430,10 +430,12 @@ def _outliers(a, missed):
         gross = gross if found["gross"] else ""
         advice = ": a robust loss (huber:2) limits their weight" if a.system.loss.kind == 0 else ""
         yield (
-            f"{found['outliers']} of {found['count']} {what} observations ({share:.1f} %) lie "
-            f"beyond 5 robust sigmas{gross}{advice}."
+            f"{found['outliers']} of {found['count']} {what} observations ({share:.2g} %) "
+            f"{'lies' if found['outliers'] == 1 else 'lie'} beyond 5 robust sigmas{gross}{advice}."
         )
-    reject = "" if "antenna" in missed else ": --reject-gnss leaves them out"
+    # What most of a kind does is no outlier of it.
+    few = 2 * a.statistics.get("gnss", {}).get("outliers", 0) <= len(a.residuals["gnss"])
+    reject = "; --reject-gnss leaves such out" if few and "antenna" not in missed else ""
     for kind, what, remedy in (
         ("gnss", "GNSS position", reject),
         ("control", "control point", ""),
@@ -444,7 +446,8 @@ def _outliers(a, missed):
             frame = a.residuals[kind]
             names = frame.loc[frame["outlier"], frame.columns[0]].astype(str).tolist()
             yield (
-                f"{counted(len(names), what)} beyond 5 robust sigmas: {some(names, 10)}{remedy}."
+                f"{counted(len(names), what)} {'lies' if len(names) == 1 else 'lie'} beyond 5 "
+                f"robust sigmas: {some(names, 10)}{remedy}."
             )
 
 
@@ -455,10 +458,10 @@ def _insignificant(a):
         & (a.camera["value"].abs() < 2 * a.camera["sigma"])
     ]
     if len(weak):
-        names = [
-            f"{parameter} of camera {some(rows['camera'], 10)}"
-            for parameter, rows in weak.groupby("parameter", sort=False)
-        ]
+        alike: dict[str, list[str]] = {}
+        for parameter, rows in weak.groupby("parameter", sort=False):
+            alike.setdefault(some(rows["camera"], 10), []).append(str(parameter))
+        names = [f"{some(own, 10)} of camera {camera}" for camera, own in alike.items()]
         yield f"Not significantly different from zero: {'; '.join(names)}."
     told = a.effects[a.effects["sigma"] > 0]
     members, block = a.problem.stack.members, a.problem.block

@@ -20,7 +20,7 @@ import pandas as pd
 
 from corridor.core.block.tables import LAYOUTS, NAMES, Layout, categorical, missing_columns, pa, pc
 from corridor.core.errors import CorridorWarning, InputError
-from corridor.core.textfile import check_growth, decimal_commas, lines, with_point
+from corridor.core.textfile import check_growth, decimal_commas, disguised, lines, with_point
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
@@ -216,6 +216,8 @@ def _check_names(path: Path, layout: Layout, names: list[str], where: str) -> No
                 f"{where}: the cells are not separated by commas; save the file comma separated, "
                 "with decimal points"
             )
+        if told := disguised(path):
+            raise InputError(f"{path.name} is {told}")
         raise InputError(missing_columns(path.name, missing, names))
     twice = [name for name in names if name and names.count(name) > 1]
     if twice:

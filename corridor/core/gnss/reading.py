@@ -17,7 +17,7 @@ from corridor.core.gnss import formats as folder
 from corridor.core.gnss.exposures import Exposures
 from corridor.core.gnss.formats import block_table, exif, pospac
 from corridor.core.gnss.track import Track
-from corridor.core.textfile import read_lines
+from corridor.core.textfile import disguised, read_lines
 
 _HEAD_LINES = 80
 _EVENTS = re.compile(r"(?i)(^|[_\-. ])events?\.(pos|txt)(\.gz)?$")
@@ -31,6 +31,13 @@ _RAW = {
     "\xb5b": "a receiver's raw data (u-blox UBX)",
     "$@": "a receiver's raw data (Septentrio SBF)",
     "\xd3\0": "a receiver's raw data (RTCM)",
+}
+# Of what was no receiver's; of a binary log its first two characters are looked at.
+_NONE = {
+    r"^UL$": "the log of a drone (ULog)",
+    r"<gpx\b|<kml\b": "a track for maps, without standard deviations",
+    r"(?m)^\d+\s*\n\d\d:\d\d:\d\d,\d+ -->": "the subtitles of a drone's video",
+    r"(?i)\bOSD\.|CUSTOM\.date|height_above_takeoff": "the log of a drone's flight",
 }
 _NMEA = re.compile(r"(?m)^\$[A-Z]{4,5},")
 _WAY_ON = "as the track.csv of a block (time_s, x, y, z, sx, sy, sz in metres), and name that"
@@ -109,13 +116,15 @@ def _read(path: Path) -> Track | Exposures:
         raise InputError(f"{path} does not exist; correct the path")
     if path.suffix == ".parquet":
         return block_table.read(path)
+    if other := disguised(path):
+        raise InputError(f"{path.name} is {other}")
     if pospac.is_sbet(path):
         return pospac.read_sbet(path)
     if path.suffix.lower() in (".out", ".sbet") and "sbet" in path.name.lower():
         raise InputError(f"{path.name} is {_SBET}")
     with path.open("rb") as file:
         start = file.read(2).decode("latin-1")
-    head = start if start in _RAW else "\n".join(read_lines(path)[:_HEAD_LINES])
+    head = start if start in (*_RAW, "UL") else "\n".join(read_lines(path)[:_HEAD_LINES])
     if not head.strip():
         raise InputError(f"{path.name} is empty; write the file again")
     for module in _formats():
@@ -127,6 +136,12 @@ def _read(path: Path) -> Track | Exposures:
             raise InputError(
                 f"{path.name} holds {what}, no positions; process it (RTKLIB, Emlid Studio, "
                 "GrafNav) and give the result, such as a .pos and its _events.pos"
+            )
+    for sign, what in _NONE.items():
+        if re.search(sign, head):
+            raise InputError(
+                f"{path.name} is {what}: its positions are too coarse for a survey. Give the "
+                "track of the GNSS receiver, or let the photographs' own positions do (--photos)"
             )
     points = re.sub(r"(?<=\d),(?=\d)", ".", head)
     named = next((module for module in _formats() if module.recognise(points)), None)

@@ -23,7 +23,7 @@ class Metadata:
 
     width, height_px: of the stored picture; written_size: what the camera wrote. pixels_per_mm: of
     the sensor, in pixels as taken. taken: by the camera's clock. lat_deg, lon_deg (WGS 84),
-    height (m, as written: of the ellipsoid or the sea).
+    height (m, as written: of the ellipsoid or the sea); exif_height: EXIF's, where XMP has one too.
     sigma: east, north, up, m. flag: DJI's quality. yaw, pitch, roll: degrees of the gimbal or the
     camera, as written: the yaw of some gimbals counts from the airframe's, `flight_yaw`, which
     counts from north. serial: of the body. temperature_c and what it is of. velocity: east, north,
@@ -47,6 +47,7 @@ class Metadata:
     lat_deg: float | None = None
     lon_deg: float | None = None
     height: float | None = None
+    exif_height: float | None = None
     sigma: tuple[float, float, float] | None = None
     flag: int | None = None
     yaw: float | None = None
@@ -148,6 +149,8 @@ def read_metadata(
             each |= {"lat_deg": None, "lon_deg": None, "height": None}
     if told.get("lat_deg") is not None and facts.get("lat_deg") is not None:
         facts["apart_m"] = _apart(facts, told)
+    if told.get("height") is not None:
+        facts["exif_height"] = facts.get("height")
     # Of two that speak, XMP is the more precise.
     for more in (noted, told):
         facts |= {name: value for name, value in more.items() if value is not None}

@@ -11,8 +11,10 @@ from corridor.core.preparation.half_turns import (
 from corridor.core.preparation.plausibility import (
     AXES,
     UNITS_M,
+    coarse_sigmas,
     marks_of_another_size,
     mirrored,
+    passed_over,
     plausibility_warnings,
     position_difference,
     position_disagreement,

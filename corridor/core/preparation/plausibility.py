@@ -20,6 +20,7 @@ from corridor.core.preparation.plausibility_of_motion import motion_warnings
 from corridor.core.preparation.plausibility_of_rigs import rig_warnings
 from corridor.core.preparation.plausibility_of_rows import row_warnings
 from corridor.core.preparation.plausibility_on_earth import earth_warnings
+from corridor.core.preparation.record import derived
 
 # Observations outside their picture: a few are bad matches, which are named one by one.
 _SHARE_OUTSIDE = 0.02
@@ -63,6 +64,7 @@ _OF_UNIT = 0.02
 # Drones, which fly below a height, and aircraft carry an antenna no farther from the camera.
 _OF_DRONES_M, _LONGEST_ARM_M = 150.0, (2.5, 15.0)
 _LEAST_UNIT_PX = 5.0  # of marks that are not in pixels
+_COARSE_M = 0.1  # no surveyed point, and no antenna of a survey, is stated so coarsely for long
 # Axes that coordinates are given in by mistake: their order and signs.
 AXES = (
     ("x and y exchanged", [1, 0, 2], [1, 1, 1]),
@@ -93,7 +95,7 @@ def plausibility_warnings(block: Block, without: bool = False) -> list[str]:
         *_settings(block),
         *_units(block),
         *rig_warnings(block),
-        *_passed_over(block),
+        *passed_over(block),
         *_other_spelling(block),
         *motion_warnings(block),
     ]
@@ -102,8 +104,8 @@ def plausibility_warnings(block: Block, without: bool = False) -> list[str]:
 # --- files ------------------------------------------------------------------------------------
 
 
-def _passed_over(block: Block) -> Iterator[str]:
-    """Files of the folder that are called nearly as a table that the block lacks."""
+def passed_over(block: Block) -> Iterator[str]:
+    """Sentences on files of the folder that are called nearly as a table that the block lacks."""
     if block.folder is None or not block.folder.is_dir():
         return
     lacking = [table for table in LAYOUTS if not len(getattr(block, table))]
@@ -111,6 +113,8 @@ def _passed_over(block: Block) -> Iterator[str]:
     for name in names:
         stem = name.partition(".")[0]
         near = get_close_matches(stem.lower().replace("-", "_"), lacking, 1, _ALIKE)
+        # What synchronising programs and explorers make of a name: `ground (1).csv`.
+        near = near or [one for one in lacking if re.match(rf"{one}[ _(-].*\.csv$", name, re.I)]
         if near and name not in (f"{near[0]}.csv", f"{near[0]}.parquet"):
             yield f"{name} is not read: a block has {near[0]}.csv (or {near[0]}.parquet)."
 
@@ -180,8 +184,8 @@ def _settings(block: Block) -> Iterator[str]:
         if (length := float(np.linalg.norm(arm))) > longest and high > 0:
             yield (
                 f"block.toml: the lever arm of {name} is {length:.4g} m long; what flies "
-                f"{high:.0f} m above the ground is not so large: lever arms are in metres, "
-                f"{length:.4g} mm are {length / 1000:.4g}."
+                f"{high:.0f} m above the ground is not so large: lever arms are in metres "
+                f"({length:.4g} mm are {length / 1000:.4g}, {length:.4g} cm {length / 100:.4g})."
             )
 
 
@@ -469,10 +473,12 @@ def _marks_of_other_pictures(block: Block) -> Iterator[str]:
         ("x and y were exchanged", measured[:, ::-1]),
     ):
         if np.median(np.linalg.norm(other - there, axis=1)) < _OF_RESIZED * min(off, left):
+            remedy = "Write x and y in pixels from the centre of the top-left pixel, y downwards."
+            if words.startswith("the pictures"):
+                remedy = "Measure them in the pictures in which the tie points were measured."
             yield (
                 f"Marks lie {off:.0f} px (median) from where the start values put them, as if "
-                f"{words}: they are set aside, and ground points with them. Measure them in the "
-                "pictures in which the tie points were measured."
+                f"{words}: they are set aside, and ground points with them. {remedy}"
             )
             return
     if not abs(np.log(max(factor, 1e-9))) > _RESIZED or left > _OF_RESIZED * off:
@@ -492,8 +498,45 @@ def _in_other_units(measured: np.ndarray, there: np.ndarray, size: np.ndarray):
         turned, goal = measured * axes, there - size / 2
         unit = float((turned * goal).sum() / (turned**2).sum())
         if unit > _LEAST_UNIT_PX:
-            told = f"1 were {unit:.4g} px (millimetres, or a share of the width?)"
-            yield f"they were counted from the middle{words}, and {told}", size / 2 + unit * turned
+            told = f"in a unit of {unit:.4g} px (millimetres, or a share of the width?)"
+            yield f"they were counted from the middle{words}, {told}", size / 2 + unit * turned
+
+
+# --- standard deviations ----------------------------------------------------------------------
+
+
+def coarse_sigmas(block: Block) -> Iterator[str]:
+    """Sentences on positions and control that lie ten times nearer to the start poses than their
+    standard deviations say: millimetres or centimetres taken for metres. For what adjusts nothing;
+    an adjustment says it by its residuals."""
+    known = {one.column for one in derived(block)}
+    at = block.image_rows("gnss")
+    away = block.numbers("gnss", *"xyz") - block.numbers("images", *"xyz")[at]
+    flight = block.image_flight[at]
+    for one in np.unique(flight):
+        away[flight == one] -= np.nanmedian(away[flight == one], axis=0)
+    away = away[np.isfinite(away).all(axis=1)]
+    if len(away) >= _FEWEST and "gnss.sx" not in known:
+        yield from _coarse("gnss", "GNSS positions", block.gnss_sigma(), np.median(np.abs(away)))
+    if len(block.ground) < _SOME or len(block.marks) < _FEWEST:
+        return
+    seen, measured, there, _ = _marks_as_posed(block)
+    f = np.array([camera["f"] for camera in block.cameras.values()])[block.image_camera[seen.image]]
+    above = block.poses[seen.image, 2] - float(np.median(block.column("ground", "z")))
+    off = np.linalg.norm(measured - there, axis=1) / f * above
+    if len(off) >= _FEWEST:
+        yield from _coarse("ground", "ground points", block.ground_sigma(), np.median(off))
+
+
+def _coarse(table: str, what: str, sigma: np.ndarray, away: float) -> Iterator[str]:
+    usual = float(np.median(sigma)) if len(sigma) else 0.0
+    if usual >= _COARSE_M and 0.0 < away < _OF_ONE * usual:
+        default = {"gnss": "gnss_m", "ground": "control_m"}[table]
+        yield (
+            f"{table}.csv: {what} are stated to {usual:g} m and lie within {away:.2g} m (median) "
+            f"of where the start poses put them: are their standard deviations (sx, sy, sz, or "
+            f"{default} of block.toml) in metres? 8 mm are 0.008."
+        )
 
 
 # --- positions --------------------------------------------------------------------------------

@@ -411,17 +411,29 @@ def _named(found: dict | None) -> list[str]:
     return list(dict.fromkeys(named))
 
 
+def _capital(sentence: str) -> str:
+    """With a capital letter, unless it begins with the name of a file, a column or an option."""
+    return sentence[0].upper() + sentence[1:] if sentence.split()[0].isalpha() else sentence
+
+
 def _told(final: dict, found: dict | None, imported: dict, home: Path):
     """What is wrong, and what to do."""
     wrong = [found["sentence"]] if found and found["verdict"] != "nothing" else []
+    # What is wrong with where the project lies, or with what it holds, makes the rest.
+    wrong += [_capital(told) + "." * (told[-1] not in ".?!") for told in imported["warnings"]]
     wrong += final.get("warnings") or []
     wrong += [final["own"]] if final.get("own") else []
-    wrong += [f"{told[0].upper()}{told[1:].rstrip('.')}." for told in imported["warnings"]]
     asked = (found or {}).get("actions") or []
     actions = list(asked or final.get("actions") or [])
     # Each speaks of what lies beside its own page.
     of = home.with_name("missing") if asked else home
-    put = {"BLOCK": str(home.parent / "block"), "OUT/": f"{of}/"}
+    block = str(home.parent / "block")
+    put = {
+        "BLOCK": block,
+        "OUT/": f"{of}/",
+        "`--camera": f"`corridor adjust {block} --camera",
+        "`--ground FILE` of `corridor import`": "`--ground FILE` of `corridor check`",
+    }
     for old, new in put.items():
         actions = [action.replace(old, new) for action in actions]
     return list(dict.fromkeys(wrong)), actions

@@ -19,6 +19,7 @@ from corridor.core.gnss import (
     convert_within,
     known_crs,
     local_of,
+    outside_area,
     places_of,
 )
 from corridor.tools.formats.textfile import opening
@@ -53,6 +54,16 @@ def system_in(path: Path, option: str) -> tuple[str, pyproj.CRS] | None:
         ) from None
     code = system.to_epsg()
     return f"EPSG:{code}" if code else text, system
+
+
+def elsewhere(places: np.ndarray, crs: str) -> str:
+    """A sentence on a stated system whose area does not hold places (n, 3); empty where it does."""
+    outside = outside_area(places, crs)
+    return outside and (
+        f"the project states a system of another place: {outside}; its datum may lie metres from "
+        "the right one, and heights and control given in another system will not fit: set the "
+        "system that the coordinates are in, and export again"
+    )
 
 
 def moved(block: Block, target: Local | str, crs: str | None = None) -> Block:

@@ -29,8 +29,9 @@ from corridor.tools.formats.attitudes import with_attitudes
 from corridor.tools.formats.control import add_ground, marks_refused, placed_by_own
 from corridor.tools.formats.delay import with_delay_told
 from corridor.tools.formats.faults import blaming
-from corridor.tools.formats.frames import moved
+from corridor.tools.formats.frames import elsewhere, moved
 from corridor.tools.formats.ground import system_beside
+from corridor.tools.formats.heights import with_heights_told
 from corridor.tools.formats.joining import bent
 from corridor.tools.formats.mapping import Cheaply, forget, from_photographs, is_whole, workplace
 from corridor.tools.formats.placing import (
@@ -202,6 +203,9 @@ def import_project(
             again = complete(again, added, say)
             project = again if bent(again.block) is None else project
         project = _with_tie_sigma(_straight(project, Path(output), force))
+    if project.block.crs is not None and added.crs is None and added.to_crs is None:
+        centres = project.block.numbers("images", *"xyz") + project.block.offset
+        project = project.having(warnings=filter(None, [elsewhere(centres, project.block.crs)]))
     say("proving by reprojection")
     with blaming(path, "a whole project"):
         proof = prove(project)
@@ -351,6 +355,7 @@ def complete(project: Project, added: Additions, say: Callable[..., None] = sile
                 raise
             late = added.crs  # once photographs or a track have placed it
     photos, exposures = {}, None
+    free = not project.placed and project.block.crs is None and local_of(project.block) is None
     if added.photos is not None:
         say(f"reading the photographs of {added.photos}")
         with blaming(added.photos, "a folder of photographs"):
@@ -377,7 +382,7 @@ def complete(project: Project, added: Additions, say: Callable[..., None] = sile
     # Only now is it known in which frame the project is.
     project = in_own_frame(with_motion(placed_by_own(project, last=True), photos))
     if photos and len(project.block.gnss) and added.track is None:
-        project = with_delay_told(project)
+        project = with_heights_told(with_delay_told(project), photos, free)
     # Marks are measured in the pictures as they lie there: only now can all be turned back.
     project = with_turned(project, photos)
     return with_attitudes(project, photos) if added.attitudes else project

@@ -35,6 +35,7 @@ from corridor.tools.formats.control import moved_by
 from corridor.tools.formats.focal import stated_focal
 from corridor.tools.formats.frames import local_table
 from corridor.tools.formats.ground import in_frame
+from corridor.tools.formats.heights import unit_that_fits
 from corridor.tools.formats.names import Names
 from corridor.tools.formats.project import Project
 from corridor.tools.formats.starting import rotations_of
@@ -716,6 +717,11 @@ def _placed(
     xyz = found.apply(block.ground[list(POSE[:3])].to_numpy(float))
     with_attitudes = " and their attitudes" if len(axes) else ""
     moved, warnings = moved_by(project, found), []
+    if unit := unit_that_fits(source, target):
+        warnings.append(
+            f"heights of {what} fit the shape of the flight only if they are in {unit}: write "
+            "metres, for until then the block is bent to them"
+        )
     if np.nanmedian(rotation_from_quaternion(moved.block.poses[:, 3:])[:, 2, 2]) > 0:
         # A mirrored flight fits upside down, for its positions lie nearly in a plane.
         warnings.append(

@@ -400,9 +400,9 @@ class Contents:
             )
             lost = len(block.tie_points["point"].cat.categories) - len(block.points)
             if lost:
-                self.warnings.append(
-                    f"{lost} tie points have no coordinates: their rays do not meet"
-                )
+                said = "1 tie point has no coordinates: its rays do not meet"
+                many = f"{lost} tie points have no coordinates: their rays do not meet"
+                self.warnings.append(said if lost == 1 else many)
         return Project(form, source, block, notes=self.notes, warnings=self.warnings, **more)
 
     def _of_known_cameras(self, source: Path) -> Contents:

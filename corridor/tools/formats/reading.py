@@ -11,14 +11,22 @@ from corridor.core import registry
 from corridor.core.block import SIGMAS, Block, places
 from corridor.core.errors import InputError
 from corridor.core.gnss import known_crs, metric
+from corridor.core.preparation import passed_over
+from corridor.core.textfile import disguised
 from corridor.tools.formats.control import placed_by_own
 from corridor.tools.formats.faults import blaming
 from corridor.tools.formats.programs import candidates, formats
 from corridor.tools.formats.project import Project, near_origin
 from corridor.tools.formats.strange import TEXT, strange
 
+# Endings of the files that projects are made of.
+_OF_PROJECTS = (
+    ".txt", ".csv", ".json", ".xml", ".bin", ".toml", ".parquet", ".psx", ".psz", ".out", ".nvm",
+    ".sfm", ".dat", ".xyz", ".prj", ".db", ".p4d",
+)  # fmt: skip
 # A few bad matches lie outside their picture.
 _MOST_OUTSIDE = 0.02
+_FEW = 0.01  # share of points seen once that mean nothing
 
 
 @np.errstate(all="ignore")
@@ -34,6 +42,8 @@ def read_project(
     path, others = Path(path), []
     if not path.exists():
         raise _not_there(path)
+    if told := _disguised(path):
+        raise InputError(told)
     form = form.lower()
     # A format may be written in several forms, all of which it reads.
     known = formats().items()
@@ -45,9 +55,14 @@ def read_project(
         raise InputError(f"format {form!r} is unknown; use auto, photos or one of {known}")
     else:
         path = next((place for name, place in candidates(path) if name == form), path)
+    if told := _disguised(path):
+        raise InputError(told)
     with blaming(path, f"a project of {form}"):
         project = formats()[form].read(path, size)
-        project = project if project.own else _counted_in_metres(project)
+        if project.own:
+            project = project.warned(*passed_over(project.block))
+        else:
+            project = _counted_in_metres(project)
         ties = not project.own and len(project.block.tie_points)
         outside = project.block.outside("tie_points").mean() if ties else 0.0
         if outside > _MOST_OUTSIDE and size is None:
@@ -62,7 +77,8 @@ def read_project(
                 "the points were measured in"
             )
         project = replace(project, block=near_origin(project.block))
-        project = placed_by_own(project).having(warnings=_unseen(project.block))
+        warnings, notes = _unseen(project.block)
+        project = placed_by_own(project).having(warnings=warnings, notes=notes)
     if others:
         also = f"the same place is also a project of {', '.join(others)}: name it so"
         project = project.noted(also)
@@ -87,11 +103,12 @@ def _counted_in_metres(project: Project) -> Project:
     return project.having(notes=[told], crs=crs, offset=unit * block.offset, **tables)
 
 
-def _unseen(block: Block) -> list[str]:
-    """Points and images without observations: a file that ends early at the end of a line."""
+def _unseen(block: Block) -> tuple[list[str], list[str]]:
+    """Warnings and notes on points and images without observations: a file that ends early at the
+    end of a line. A few points whose other rays a program has struck are everywhere."""
     if not len(block.tie_points):
-        return []
-    warnings = []
+        return [], []
+    warnings, notes = [], []
     names = block.tie_points["point"].cat.categories
     codes = block.tie_points["point"].array.codes.astype(np.int64)
     seen = np.bincount(codes, minlength=len(names))
@@ -101,10 +118,14 @@ def _unseen(block: Block) -> list[str]:
         few &= ~block.points["point"].isin(set(block.ground["point"]))
         few &= ~block.points["point"].isin(set(block.marks["point"].cat.categories))
     if few.any():
-        warnings.append(
+        told = (
             f"{int(few.sum())} of {len(block.points)} points are seen in fewer than two images "
-            f"(first: {block.points['point'][few].iloc[0]}): the observations may be cut off"
+            f"(first: {block.points['point'][few].iloc[0]})"
         )
+        if few.mean() < _FEW:
+            notes.append(told)
+        else:
+            warnings.append(f"{told}: the observations may be cut off")
     bare = ~block.images["image"].isin(set(block.tie_points["image"].unique()))
     bare &= ~block.images["image"].isin(set(block.marks["image"].unique()))
     if bare.any():
@@ -112,7 +133,14 @@ def _unseen(block: Block) -> list[str]:
             f"{int(bare.sum())} of {len(block.images)} images see no point (first: "
             f"{block.images['image'][bare].iloc[0]})"
         )
-    return warnings
+    return warnings, notes
+
+
+def _disguised(path: Path) -> str:
+    """A sentence on a file, or one of a folder, that is not what its name says; or empty."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    told = ((file, disguised(file)) for file in files if file.suffix.lower() in _OF_PROJECTS)
+    return next((f"{file} is {what}" for file, what in told if what), "")
 
 
 def _not_there(path: Path) -> InputError:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from corridor.core.errors import InputError
 from corridor.core.photographs import photographs_in
+from corridor.core.textfile import disguised
 from corridor.tools.formats.ground import is_gcp_list
 from corridor.tools.formats.textfile import opening
 
@@ -22,7 +23,6 @@ _ENDINGS = {
     ".sbet": "a POSPac trajectory: give it with --track",
     ".out": "a file of a trajectory or of another program: a POSPac SBET belongs to --track",
     ".pdf": "a report: name the project that it is of",
-    ".zip": "an archive: unpack it, and name the folder",
     ".xmlz": "a packed BlocksExchange: unpack it like a .zip, and name the .xml in it",
     ".mg": "a Meshroom graph: name the sfm.json or cameras.sfm that its node StructureFromMotion "
     "wrote (MeshroomCache/StructureFromMotion/.../)",
@@ -42,7 +42,21 @@ _ALIKE = {
     "read: convert all to JPEG with their EXIF",
     ".mp4 .mov .avi .mkv": "a video: take pictures out of it first, with their times",
     ".xlsx .xls": "an Excel workbook: save the sheet as comma separated text (.csv), and name that",
-    ".las .laz .ply": "a point cloud: a project has photographs, their poses and measurements",
+    ".las .laz .ply .e57 .pts .rcp .rcs": "a point cloud: a project has photographs, their poses "
+    "and measurements",
+    ".obj .fbx .stl .dae .glb .gltf .osgb .slpk .3mx .b3dm .3ds": "a model of the surface: a "
+    "project has photographs, their poses and measurements",
+    ".zip .rar .7z .tar .tgz .gz .bz2 .xz": "an archive: unpack it, and name the folder",
+    ".p4m .p4s": "a project of Pix4Dmatic or Pix4Dsurvey: export its cameras and tie points, or "
+    "name the folder of the photographs, as `corridor import photos FOLDER`",
+    ".qgz .qgs .aprx .mxd": "a project of a map: name the project of the photographs",
+    ".plan .waypoints .mission .wpml": "a mission of a drone: name the photographs that it took, "
+    "as `corridor import photos FOLDER`",
+    ".srt": "the subtitles of a drone's video, with one position a frame: corridor reads "
+    "photographs, so name their folder",
+    ".ulg .tlog .bbl .dat": "a log of a drone: give the GNSS receiver's processed track with "
+    "--track",
+    ".exe .msi .dmg .apk .iso": "a program: name the project",
     ".doc .docx .odt .ppt .pptx .rtf": "a document: name the project that it is about",
     ".kml .kmz .gpx .geojson .dxf .dwg .shp .gpkg": "a map: save its points as comma separated "
     "text (name, x, y, z), and name that",
@@ -138,17 +152,14 @@ def _of_text(path: Path) -> str:
 
 def not_text(path: Path) -> str:
     """What a file is that is no list of points as text, and what to do; or empty."""
+    if told := disguised(path):
+        return told
     head = opening(path, 400).lstrip()
-    if head.lower().startswith(("<!doctype html", "<html")):
-        return "a page of the web: download the file itself"
     if re.match(r"\*?11\d{4}[+-]\S+ ", head) or "<LandXML" in head:
         return _ENDINGS[".gsi"]
     if re.search(r'<(kml|gpx)\b|"(FeatureCollection|Feature)"', head):
         return _ENDINGS[".kml"]
-    ending = path.suffix.lower()
-    if head.startswith("PK\3\4") and ending not in _ENDINGS:
-        ending = ".xlsx"
-    return _ENDINGS.get(ending, "")
+    return _ENDINGS.get(path.suffix.lower(), "")
 
 
 def _is_tracks(head: str) -> bool:

@@ -71,7 +71,10 @@ class TestTooFewMeasurements:
         refused(block, *words, strict=True)
         adjusted = corridor.adjust(block)
         assert adjusted.converged and name not in set(adjusted.points["point"])
-        assert adjusted.warnings[0] == f"1 tie point seen in one image only left out: {name}."
+        assert (
+            adjusted.warnings[0]
+            == f"1 tie point is seen in one image only and is left out: {name}."
+        )
 
     def test_a_check_point_seen_once(self, block):
         name = block.ground.loc[block.ground["role"] == "check", "point"].iloc[0]
@@ -81,7 +84,9 @@ class TestTooFewMeasurements:
         refused(block, f"marks.csv, row {row}", f"point {name}", "one image only", strict=True)
         adjusted = corridor.adjust(block)
         assert name not in set(adjusted.check_points["point"])
-        assert f"1 check point seen in one image only left out: {name}." in adjusted.warnings
+        assert (
+            f"1 check point is seen in one image only and is left out: {name}." in adjusted.warnings
+        )
 
     def test_a_control_point_seen_once_is_welcome(self, block):
         """Its coordinates carry it (Strasbourg has one)."""
@@ -103,7 +108,7 @@ class TestTooFewMeasurements:
         assert adjusted.converged and name not in set(adjusted.poses["image"])
         assert len(adjusted.poses) == len(block.images) - 1
         assert any("1 image with fewer than 3 points" in w and name in w for w in adjusted.warnings)
-        assert "has 2 measured points" in sentence or "has 1 measured points" in sentence
+        assert "has 2 measured points" in sentence or "has 1 measured point," in sentence
 
     def test_images_without_any_point(self, block):
         bare = corridor.Block(name="bare", cameras=block.cameras, images=block.images)

@@ -98,8 +98,8 @@ def test_marks_of_one_image_in_another_size_are_told_and_set_aside():
         (lambda xy, size: size - 1 - xy, "turned by 180 degrees"),
         (lambda xy, size: xy * [-1, 1] + [size[0] - 1, 0], "mirrored"),
         (lambda xy, size: xy[:, ::-1], "x and y were exchanged"),
-        (lambda xy, size: 0.004 * (xy - (size - 1) / 2), "from the middle, and 1 were 2"),
-        (lambda xy, size: (xy - (size - 1) / 2) * [1, -1] / 100, "y upwards, and 1 were "),
+        (lambda xy, size: 0.004 * (xy - (size - 1) / 2), "from the middle, in a unit of 2"),
+        (lambda xy, size: (xy - (size - 1) / 2) * [1, -1] / 100, "y upwards, in a unit of "),
     ],
 )
 def test_marks_of_turned_and_mirrored_pictures_are_told(change, said):

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from corridor.core.camera import INTERIOR
 from corridor.core.errors import InputError
-from corridor.core.geometry import rotation_from_quaternion
+from corridor.core.geometry import quaternion_from_rotation, rotation_from_quaternion
 from corridor.core.simulation import Flight, Ground, Noise, Plan, simulate
 from corridor.tools.formats import Additions, import_project, prove, read_project
 from corridor.tools.formats.rows import rows_of
@@ -150,6 +150,52 @@ def test_the_angles_that_would_explain_the_points_are_named(block, tmp_path, mea
     (found,) = [one for one in read_project(folder).warnings if "would explain it" in one]
     angles, unit = told(meant)
     assert f'angles = "{angles}" and unit = "{unit}"' in found
+
+
+def nearly_upright(block, share, seed):
+    """The block with omega and phi of this share, seen so, with noise of 0.4 px."""
+    made = block.copy()
+    turned = (FLIP @ rotation_from_quaternion(made.poses[:, 3:])).transpose(0, 2, 1)
+    angles = Rotation.from_matrix(turned).as_euler("XYZ") * [share, share, 1.0]
+    seen = FLIP @ Rotation.from_euler("XYZ", angles).as_matrix().transpose(0, 2, 1)
+    made.put("images", ("qw", "qx", "qy", "qz"), quaternion_from_rotation(seen))
+    rows = rows_of(made)
+    pixels = rows.pixels - rows.residuals()
+    pixels += 0.4 * np.random.default_rng(seed).standard_normal(pixels.shape)
+    first = len(made.tie_points)
+    made.tie_points = made.tie_points.assign(x=pixels[:first, 0], y=pixels[:first, 1])
+    made.marks = made.marks.assign(x=pixels[first:, 0], y=pixels[first:, 1])
+    return made
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(
+    ("share", "other", "told"),
+    [
+        (0.0, False, "cannot be checked"),
+        (0.0, True, "cannot be checked"),
+        (0.05, False, None),
+        (0.05, True, "the rays meet better if|would explain it"),
+    ],
+)
+def test_the_order_of_small_angles_is_told_or_said_to_be_untold(
+    block, tmp_path, share, other, told, seed
+):
+    """Exchanged, angles of `a` radians turn an image by some a squared: seen where it is more than
+    the noise of its points together; images that hang upright have no order."""
+    meant = ("px", "centre", "down", "omega phi kappa", "deg")
+    said = ("px", "centre", "down", "phi omega kappa" if other else "omega phi kappa", "deg")
+    folder = written(nearly_upright(block, share, seed), tmp_path / "text", meant, said)
+    project = read_project(folder)
+    found = [
+        one
+        for one in (*project.notes, *project.warnings)
+        if re.search("cannot be checked|meet better|would explain", one)
+    ]
+    assert len(found) == (told is not None)
+    assert all(re.search(told, one) for one in found)
+    if other and told == "the rays meet better if|would explain it":
+        assert 'angles = "omega phi kappa"' in found[0]
 
 
 def test_measured_control_becomes_marks(block, tmp_path):

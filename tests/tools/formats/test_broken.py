@@ -140,7 +140,7 @@ def test_tie_points_whose_rays_do_not_meet_are_told(tmp_path):
     first, rest = file.read_text().split("\n", 1)
     word, others = first.split(" ", 1)
     file.write_text(f"{word} 333228036 {others}\n{rest}")
-    assert any("their rays do not meet" in s for s in read_project(home).warnings)
+    assert any("its rays do not meet" in s for s in read_project(home).warnings)
 
 
 def test_two_images_of_one_name_are_numbered_and_told(tmp_path):

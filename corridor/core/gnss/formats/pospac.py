@@ -62,8 +62,9 @@ def is_sbet(path: Path) -> bool:
     if not size or size % (_WIDTH * _RECORD.itemsize):
         return False
     time, lat, lon, height = np.fromfile(path, _RECORD, 4)
-    place = 0 < abs(lat) <= np.pi / 2 and 0 < abs(lon) <= np.pi and abs(height) < 1e5
-    return bool(0 < time < 2 * WEEK_S and place)
+    # Bytes of other files are mostly numbers next to nothing.
+    place = 1e-9 < abs(lat) <= np.pi / 2 and 1e-9 < abs(lon) <= np.pi and abs(height) < 1e5
+    return bool(1e-3 < time < 2 * WEEK_S and place)
 
 
 def read(path: Path) -> Track:

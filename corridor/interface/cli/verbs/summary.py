@@ -21,6 +21,7 @@ def run(options: argparse.Namespace) -> None:
     from corridor.core.adjustment import without_wild_cells
     from corridor.core.preparation import (
         astray,
+        coarse_sigmas,
         derived_table,
         plausibility_warnings,
         prepare,
@@ -29,7 +30,7 @@ def run(options: argparse.Namespace) -> None:
 
     block = corridor.read(options.block)
     look = corridor.summary(block)
-    told = plausibility_warnings(block)
+    told = [*plausibility_warnings(block), *coarse_sigmas(block)]
     # A start pose that its own points contradict is no witness of the GNSS.
     seen = without_starts(block, astray(block))
     try:

@@ -34,7 +34,9 @@ from scipy.spatial.transform import Rotation
 
 from corridor.core.camera import Camera
 from corridor.core.errors import InputError, did_you_mean
+from corridor.core.geometry import GROSS
 from corridor.core.gnss import in_metres
+from corridor.core.output import counted
 from corridor.core.textfile import Line, read_toml
 from corridor.tools.formats.cameras import FLIP, in_the_middle
 from corridor.tools.formats.names import Names
@@ -49,6 +51,12 @@ CONVENTION = "convention.toml"
 END = "-99"
 _MISS_PX = 2.0  # above it an import is refused
 _FOCAL = 1.2  # a focal length of a calibration and a nominal one differ by less
+# So many observations, and such a logarithm of two likelihoods' ratio, decide between two orders.
+_LEAST, _SURE = 20, 10.0
+_UNSEEN = (
+    'the order of the angles cannot be checked: at such small angles the rays meet as well if "{}" '
+    "was meant. If poses are given to an adjustment, it finds them either way"
+)
 _COMMA = re.compile(r"[+-]?\d+,\d+")
 # Keys of the two tables with their values; None: any text.
 _UNITS = {"mm": 1000.0, "um": 1.0, "px": None}
@@ -85,8 +93,10 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     folder = path if path.is_dir() else path.parent
     table = _convention(folder / CONVENTION)
     project, posed = _read(folder, table), table["poses"]
-    if posed["angles"] not in _ANGLES or _miss(project) < _MISS_PX:
+    if posed["angles"] not in _ANGLES:
         return project
+    if _miss(project) < _MISS_PX:
+        return _with_order_told(project, folder, table)
     for angles, unit in product(_ANGLES, _TURNS):
         other = {**table, "poses": {**posed, "angles": angles, "unit": unit}}
         if (left := _miss(_read(folder, other))) < _MISS_PX:
@@ -95,13 +105,42 @@ def read(path: Path, size: tuple[int, int] | None = None) -> Project:
     return project
 
 
+def _with_order_told(project: Project, folder: Path, table: dict) -> Project:
+    """The project with a sentence on whether its rays show which angle turns first.
+
+    At small angles both orders nearly agree, and either fits. Of two sums of squares, each with
+    its own variance, the logarithm of the likelihoods' ratio is n/2 times that of theirs; gross
+    residuals, beyond the same multiple of the median in both, do not count.
+    """
+    stated = table["poses"]["angles"]
+    (other,) = _ANGLES.keys() - {stated}
+    again = _read(folder, {**table, "poses": {**table["poses"], "angles": other}})
+    lengths = [_lengths(one) for one in (project, again)]
+    if len(lengths[0]) != len(lengths[1]) or len(lengths[0]) < _LEAST:
+        return project if len(lengths[0]) >= _LEAST else project.noted(_UNSEEN.format(other))
+    good = np.all([one < GROSS * np.median(one) for one in lengths], axis=0)
+    size, turned = (float(np.sqrt(np.mean(one[good] ** 2))) for one in lengths)
+    surer = good.sum() * float(np.log(turned / size)) if size and turned else 0.0
+    if surer < -_SURE:
+        return project.warned(
+            f'{CONVENTION}: the rays meet better if [poses] angles = "{other}" ({turned:.2f} px '
+            f"RMS in place of {size:.2f}): correct it, unless the poses are of another adjustment"
+        )
+    return project if surer > _SURE else project.noted(_UNSEEN.format(other))
+
+
+def _lengths(project: Project) -> np.ndarray:
+    """Residuals of the tie observations whose rays meet, px."""
+    with np.errstate(all="ignore"):
+        rows = rows_of(project.block, complete=False).usable()
+        return np.linalg.norm(rows.residuals(), axis=1)
+
+
 def _miss(project: Project) -> float:
     """By how much image points miss, px, median; infinite where most rays do not meet."""
     if not len(project.block.tie_points):
         return 0.0
-    with np.errstate(all="ignore"):
-        rows = rows_of(project.block, complete=False).usable()
-        length = np.linalg.norm(rows.residuals(), axis=1)
+    length = _lengths(project)
     few = 2 * len(length) < len(project.block.tie_points)
     return np.inf if few else float(np.median(np.nan_to_num(length, nan=np.inf)))
 
@@ -237,7 +276,7 @@ def _views(path, measured, names, used, cameras, notes) -> Views | None:
             x, y = line.numbers([x, y], "a measurement") * scale
             rows.append((name, image, origin[0] + x, origin[1] + up * y))
     if lost:
-        notes.append(f"{path.name}: {lost} images have no pose: left out")
+        notes.append(f"{path.name}: {counted(lost, 'image')} left out, without a pose")
     notes += known.told(path.name)
     return Views.of(rows, "tie points")
 
@@ -267,6 +306,8 @@ def image_blocks(path: Path) -> Iterator[tuple[Line, list[Line]]]:
 
     Raises InputError where the file ends without one.
     """
+    if not path.stat().st_size:
+        raise InputError(f"{path.name} is empty; export it again")
     head, points = None, []
     for line in filled(path):
         if line.text.split() == [END]:

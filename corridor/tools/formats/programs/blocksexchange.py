@@ -19,6 +19,7 @@ from corridor.core.geometry import rotation_from_angles
 from corridor.core.gnss import Local, convert, known_crs
 from corridor.core.textfile import Xml
 from corridor.tools.formats.cameras import NoModel, in_the_middle, opencv_camera, where_known
+from corridor.tools.formats.frames import elsewhere
 from corridor.tools.formats.project import Contents, Project, Views, gnss_table, ground_table
 from corridor.tools.formats.textfile import opening
 
@@ -61,6 +62,7 @@ class _Block:
 
     def __init__(self, root: Xml, block: Xml, notes: list[str]):
         self.notes, self._block = notes, block
+        self._odd: dict[str, str] = {}
         self._systems = {
             part.text("Id"): part.text("Definition")
             for part in root.all("SpatialReferenceSystems/SRS")
@@ -121,6 +123,7 @@ class _Block:
             local=self.local,
             crs=self._system if projected else None,
             notes=self.notes,
+            warnings=[*filter(None, self._odd.values())],
         ).project(NAME, file, placed=self._system is not None)
 
     def _frame(self, places: np.ndarray) -> Local | None:
@@ -134,6 +137,8 @@ class _Block:
         places = np.asarray(places, dtype=float).reshape(-1, 3)
         known = np.isfinite(places).all(axis=1)
         out = np.full_like(places, np.nan)
+        if system is not None:
+            self._odd[system] = elsewhere(places, system)
         if self.local is not None and system is not None:
             out[known] = self.local.from_crs(places[known], system)
         elif self._system is not None and system is not None:

@@ -34,7 +34,7 @@ from corridor.tools.formats.cameras import (
     standing_for,
     where_known,
 )
-from corridor.tools.formats.frames import height_unit
+from corridor.tools.formats.frames import elsewhere, height_unit
 from corridor.tools.formats.names import numbered
 from corridor.tools.formats.programs.metashape.archive import Archive, read_ply
 from corridor.tools.formats.programs.metashape.writing import write as write
@@ -421,19 +421,21 @@ class _World:
 
     local: its frame on Earth; None: metres of a local system, or none at all. scaled: the chunk's
     coordinates are metres. geocentric: they are geocentric. metric_heights: heights beside a grid
-    in feet are metres.
+    in feet are metres. odd: sentences on systems that do not hold their coordinates.
     """
 
     local: Local | None = None
     scaled: bool = True
     geocentric: bool = False
     metric_heights: bool = False
+    odd: dict[str, str] = field(default_factory=dict)
 
     def points(self, places: np.ndarray, crs: str | None) -> np.ndarray:
         """Block coordinates (n, 3) of places in a CRS (None: local already)."""
         places = np.asarray(places, dtype=float).reshape(-1, 3)
         if self.local is None or crs is None:
             return places
+        self.odd[crs] = elsewhere(places, crs)
         up = 1.0 if self.metric_heights else height_unit(crs)
         return self.local.from_crs(places * [1.0, 1.0, up], crs)
 
@@ -550,7 +552,7 @@ def _project(chunk, cloud, path, notes, warnings):
         description=_UNSCALED if free else "",
         sigma=chunk.sigma,
         notes=notes,
-        warnings=warnings,
+        warnings=[*warnings, *filter(None, world.odd.values())],
     ).project(NAME, path, placed=bool(placed), apart=free and local)
     return hung_together(made, chunk.masters)
 
