@@ -419,9 +419,11 @@ def _capital(sentence: str) -> str:
 def _told(final: dict, found: dict | None, imported: dict, home: Path):
     """What is wrong, and what to do."""
     wrong = [found["sentence"]] if found and found["verdict"] != "nothing" else []
+    warnings = final.get("warnings") or []
+    wrong += warnings[: bool(final.get("held"))]  # what has been decided here
     # What is wrong with where the project lies, or with what it holds, makes the rest.
     wrong += [_capital(told) + "." * (told[-1] not in ".?!") for told in imported["warnings"]]
-    wrong += final.get("warnings") or []
+    wrong += warnings
     wrong += [final["own"]] if final.get("own") else []
     asked = (found or {}).get("actions") or []
     actions = list(asked or final.get("actions") or [])

@@ -57,8 +57,12 @@ def system_in(path: Path, option: str) -> tuple[str, pyproj.CRS] | None:
 
 
 def elsewhere(places: np.ndarray, crs: str) -> str:
-    """A sentence on a stated system whose area does not hold places (n, 3); empty where it does."""
-    outside = outside_area(places, crs)
+    """A sentence on a stated system whose area does not hold places (n, 3); empty where it does,
+    or where a block describes its frame in words."""
+    try:
+        outside = outside_area(places, crs)
+    except InputError:
+        return ""
     return outside and (
         f"the project states a system of another place: {outside}; its datum may lie metres from "
         "the right one, and heights and control given in another system will not fit: set the "

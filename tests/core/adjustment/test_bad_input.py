@@ -107,7 +107,7 @@ class TestTooFewMeasurements:
         adjusted = corridor.adjust(block)
         assert adjusted.converged and name not in set(adjusted.poses["image"])
         assert len(adjusted.poses) == len(block.images) - 1
-        assert any("1 image with fewer than 3 points" in w and name in w for w in adjusted.warnings)
+        assert any("1 image has fewer than 3 points" in w and name in w for w in adjusted.warnings)
         assert "has 2 measured points" in sentence or "has 1 measured point," in sentence
 
     def test_images_without_any_point(self, block):
