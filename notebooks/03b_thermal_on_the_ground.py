@@ -24,7 +24,7 @@
 # come out, some do not.
 #
 # You need to know what a focal length and a bundle adjustment are.
-# *Run time on one core: about 2 minutes; in the fast form about 60 seconds.*
+# *Run time on one core: about 80 seconds; in the fast form about 40 seconds.*
 
 # %% tags=["parameters"]
 fast = False  # fewer draws

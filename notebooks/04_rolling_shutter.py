@@ -735,7 +735,7 @@ gains = {key: [np.median(viabon.gain(drawn[key], f"c-8p-GCP{k}")) for k in (1, 2
 ours["shutter.statement.corridor"] = max(gains["d4"]) / min(
     gain for key in ("d1", "d2", "d3") for gain in gains[key]
 )
-compare(ours, absent="not adjusted here: motions of 648 images take six minutes a draw")
+compare(ours, absent="not adjusted here: motions of 648 images took 3 min. for one set")
 
 # %% [markdown]
 # ### A sign that is easily lost

@@ -56,8 +56,8 @@ def pytest_make_collect_report(collector):
 SECONDS = set((Path(__file__).parent / "seconds.txt").read_text(encoding="utf-8").splitlines())
 if os.environ.get("CORRIDOR_SECONDS") == "0":
     SECONDS = set()
-# Names of long tests that are run by night: whole flights, rates of many draws, and the longest of
-# variants of which another one stays. Cells of chapters say so themselves, by the tag `night`.
+# Names of long tests that are run by night: whole flights, rates of many draws, the longest of
+# variants, and what takes longest. Cells of chapters say so themselves, by the tag `night`.
 NIGHT = set((Path(__file__).parent / "night.txt").read_text(encoding="utf-8").splitlines())
 
 

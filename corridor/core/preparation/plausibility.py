@@ -64,7 +64,7 @@ _OF_UNIT = 0.02
 # Drones, which fly below a height, and aircraft carry an antenna no farther from the camera.
 _OF_DRONES_M, _LONGEST_ARM_M = 150.0, (2.5, 15.0)
 _LEAST_UNIT_PX = 5.0  # of marks that are not in pixels
-_COARSE_M = 0.1  # no surveyed point, and no antenna of a survey, is stated so coarsely for long
+_COARSE_M = 0.1  # from here on standard deviations may be millimetres taken for metres
 # Axes that coordinates are given in by mistake: their order and signs.
 AXES = (
     ("x and y exchanged", [1, 0, 2], [1, 1, 1]),
@@ -534,8 +534,9 @@ def _coarse(table: str, what: str, sigma: np.ndarray, away: float) -> Iterator[s
         default = {"gnss": "gnss_m", "ground": "control_m"}[table]
         yield (
             f"{table}.csv: {what} are stated to {usual:g} m and lie within {away:.2g} m (median) "
-            f"of where the start poses put them: are their standard deviations (sx, sy, sz, or "
-            f"{default} of block.toml) in metres? 8 mm are 0.008."
+            "of where the start poses put them. Unless the poses were made from them: are their "
+            f"standard deviations (sx, sy, sz, or {default} of block.toml) in metres? 8 mm are "
+            "0.008."
         )
 
 

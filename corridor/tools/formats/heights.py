@@ -164,7 +164,9 @@ def _of_ground(block: Block) -> tuple[list[str], list[str]]:
     if not _LOWEST_M < ground < _HIGHEST_M:
         why = "where no land is: are they in another unit, or with a wrong sign (GPSAltitudeRef)?"
     elif abs(ground) < _LEVEL * high:
-        why = f"and the cameras {high:.0f} m above it: do they count from the take-off?"
+        # By the sea that is as it should be.
+        level = f"and the cameras {high:.0f} m above it: do they count from the take-off?"
+        return [f"{shown}, {level} By the sea they may be right"], []
     elif abs(flown * _FOOT_M / high - 1.0) < _OF_FEET:
         why = f"and the cameras {high:.0f} m above it, {flown:.0f} feet: are they in feet?"
     return ([], [f"{shown}, {why}"]) if why else ([note], [])

@@ -138,7 +138,7 @@ class _Block:
         known = np.isfinite(places).all(axis=1)
         out = np.full_like(places, np.nan)
         if system is not None:
-            self._odd[system] = elsewhere(places, system)
+            self._odd[system] = self._odd.get(system) or elsewhere(places, system)
         if self.local is not None and system is not None:
             out[known] = self.local.from_crs(places[known], system)
         elif self._system is not None and system is not None:

@@ -435,7 +435,7 @@ class _World:
         places = np.asarray(places, dtype=float).reshape(-1, 3)
         if self.local is None or crs is None:
             return places
-        self.odd[crs] = elsewhere(places, crs)
+        self.odd[crs] = self.odd.get(crs) or elsewhere(places, crs)
         up = 1.0 if self.metric_heights else height_unit(crs)
         return self.local.from_crs(places * [1.0, 1.0, up], crs)
 
