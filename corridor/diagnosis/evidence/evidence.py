@@ -25,10 +25,9 @@ from corridor.diagnosis.settings import SETTINGS, side_by_side
 from corridor.diagnosis.system.elimination import Elimination, Reduced, rows_of
 from corridor.diagnosis.system.groups import Group
 
-# Systems beside values for each image, and models, that are kept; and eliminations, of which those
-# of large blocks weigh a hundred megabytes.
-_SYSTEMS, _MODELS = 48, 8
-_CHAINS, _CHAIN_BYTES = 2, 2e8
+# Systems beside values for each image, and models, that are kept; and what eliminations may weigh:
+# one is kept whatever it weighs, of a thousand images more than a hundred megabytes.
+_SYSTEMS, _MODELS, _CHAIN_BYTES = 48, 8, 2e8
 _ONE = Lock()
 
 # A size in prior standard deviations, of all parameters of a group or of each (p,).
@@ -265,7 +264,7 @@ class Evidence:
         found = self._chains.get(key)
         if found is None:
             found = self.elimination(images)
-            most = max(_CHAINS, int(_CHAIN_BYTES / (8 * found.chain.layout.length)))
+            most = max(1, int(_CHAIN_BYTES / (8 * found.chain.layout.length)))
             _keep(self._chains, key, found, min(most, _SYSTEMS))
         return found
 
