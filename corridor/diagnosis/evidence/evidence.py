@@ -27,7 +27,7 @@ from corridor.diagnosis.system.groups import Group
 
 # Systems beside values for each image, and models, that are kept; and what eliminations may weigh:
 # one is kept whatever it weighs, of a thousand images more than a hundred megabytes.
-_SYSTEMS, _MODELS, _CHAIN_BYTES = 48, 8, 2e8
+_SYSTEMS, _MODELS, _CHAIN_BYTES = 48, 8, 1e8
 _ONE = Lock()
 
 # A size in prior standard deviations, of all parameters of a group or of each (p,).
@@ -264,7 +264,8 @@ class Evidence:
         found = self._chains.get(key)
         if found is None:
             found = self.elimination(images)
-            most = max(1, int(_CHAIN_BYTES / (8 * found.chain.layout.length)))
+            weight = 8 * found.chain.layout.length + found.cross.nbytes
+            most = max(1, int(_CHAIN_BYTES / weight))
             _keep(self._chains, key, found, min(most, _SYSTEMS))
         return found
 
