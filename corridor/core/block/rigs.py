@@ -117,21 +117,21 @@ def exposures_of(block) -> Exposures:
     rigs, images = rigs_of(block), block.images
     if not rigs or EXPOSURE not in images:
         return Exposures(nothing, nothing)
-    order = {camera: (name, k) for name, rig in rigs.items()
-             for k, camera in enumerate((rig["base"], *rig["member"]))}  # fmt: skip
-    table = pd.DataFrame({"exposure": images[EXPOSURE], "camera": images["camera"]})
-    table = table[table["exposure"].notna() & table["camera"].isin(list(order))]
-    table["rig"] = [order[camera][0] for camera in table["camera"]]
-    table["place"] = [order[camera][1] for camera in table["camera"]]
-    if (twice := table.duplicated(["exposure", "camera"])).any():
-        row = table.index[twice][0]
+    order = [camera for rig in rigs.values() for camera in (rig["base"], *rig["member"])]
+    rig_of = np.repeat(np.arange(len(rigs)), [1 + len(rig["member"]) for rig in rigs.values()])
+    exposure, names = pd.factorize(images[EXPOSURE], sort=True)
+    place = pd.Index(order).get_indexer(images["camera"])
+    rows = np.flatnonzero((exposure >= 0) & (place >= 0))
+    rows = rows[np.lexsort((place[rows], exposure[rows], rig_of[place[rows]]))]
+    keys = np.stack((rig_of[place[rows]], exposure[rows], place[rows]), axis=1)
+    same = np.diff(keys, axis=0, prepend=-1) == 0
+    if (twice := same.all(axis=1)).any():
+        row = rows[twice].min()
         raise InputError(
-            f"{block.where('images', row)}: exposure {table.loc[row, 'exposure']} has camera "
-            f"{table.loc[row, 'camera']} twice: give each exposure a name of its own"
+            f"{block.where('images', row)}: exposure {names[exposure[row]]} has camera "
+            f"{order[place[row]]} twice: give each exposure a name of its own"
         )
-    table = table.sort_values(["rig", "exposure", "place"], kind="stable")
-    first = ~table.duplicated(["rig", "exposure"])
-    rows = table.index.to_numpy(np.int64)
+    first = ~same[:, :2].all(axis=1)
     base = rows[np.maximum.accumulate(np.where(first, np.arange(len(rows)), 0))]
     return Exposures(base[~first], rows[~first])
 
