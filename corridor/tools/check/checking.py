@@ -160,9 +160,12 @@ def check_project(
     if best is not None and best["converged"]:
         home = output / "adjusted_with_found"
     final = best if home.name != "adjusted" else adjustment
-    settings = ProgramSettings.of(final, found, block) if final["converged"] else None
+    # What contradicts itself is corrected first: its numbers would spoil the next adjustment too.
+    contradicted = final.get("contradicted") or []
+    answers = final["converged"] and not contradicted
+    settings = ProgramSettings.of(final, found, block) if answers else None
     taken = None
-    if final["converged"]:
+    if settings is not None:
         taken = stages.get("taken")
         taken = None if taken is None else TakenBack(**taken)
         if taken is None:
@@ -180,6 +183,9 @@ def check_project(
     certified = (stages.get("certified") or {"files": []})["files"]
     verdict, sentence = verdict_of(final, found, required)
     wrong, actions = _told(final, found, imported, home)
+    if contradicted:
+        wrong = [*wrong, "No settings are given back, for the adjustment contradicts itself: "
+                 "correct what stands above, and check again."]  # fmt: skip
     checked = Checked(
         project=str(project),
         form=imported["form"],
@@ -382,7 +388,11 @@ def _adjusted(
         return {"converged": False, "warnings": doubts}
     adjustment.save(folder, registry.room("figures").of_adjustment)
     report = registry.room("report").of_adjustment(adjustment)
-    return adjustment.to_dict() | {"opening": report.opening, "actions": list(report.actions)}
+    contradicted = [*least_squares.implausible(adjustment)]
+    if adjustment.sigma0 > _FITS:
+        contradicted.append("the measurements do not fit")
+    opened = {"opening": report.opening, "actions": list(report.actions)}
+    return adjustment.to_dict() | opened | {"contradicted": contradicted}
 
 
 def _diagnosed(
