@@ -163,7 +163,8 @@ def check_project(
     # What contradicts itself is corrected first: its numbers would spoil the next adjustment too.
     contradicted = final.get("contradicted") or []
     answers = final["converged"] and not contradicted
-    settings = ProgramSettings.of(final, found, block) if answers else None
+    # The adjusted block has the standard deviations that were used.
+    settings = ProgramSettings.of(final, found, read(home / "block")) if answers else None
     taken = None
     if settings is not None:
         taken = stages.get("taken")
@@ -391,8 +392,13 @@ def _adjusted(
     contradicted = [*least_squares.implausible(adjustment)]
     if adjustment.sigma0 > _FITS:
         contradicted.append("the measurements do not fit")
-    opened = {"opening": report.opening, "actions": list(report.actions)}
-    return adjustment.to_dict() | opened | {"contradicted": contradicted}
+    zero = least_squares.may_be_zero(adjustment).groupby("camera", sort=False)["parameter"]
+    return adjustment.to_dict() | {
+        "opening": report.opening,
+        "actions": list(report.actions),
+        "contradicted": contradicted,
+        "may_be_zero": {str(camera): list(names) for camera, names in zero},
+    }
 
 
 def _diagnosed(
