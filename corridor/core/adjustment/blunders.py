@@ -294,8 +294,8 @@ def _ground(
     otherwise = _read_otherwise(given, seen) if _in_place(block, pose) else ""
     known = np.isfinite(given).all(axis=1) & np.isfinite(seen).all(axis=1)
     if not otherwise and known.sum() >= _LEAST_IN_SHAPE:
-        told = other_unit("ground.csv", given[known], seen[known], _ALIKE, apart_in_shape)
-        otherwise = f"{told}, beside images in one scale: convert to metres." if told else ""
+        unit = other_unit("ground.csv", given[known], seen[known], _ALIKE, apart_in_shape)
+        otherwise = f"{unit}, beside images in one scale: convert to metres." if unit else ""
     if otherwise:
         raise InputError(otherwise)
     names = block.ground["point"].to_numpy(dtype=object)[used]

@@ -185,8 +185,11 @@ def check_project(
     verdict, sentence = verdict_of(final, found, required)
     wrong, actions = _told(final, found, imported, home)
     if contradicted:
-        wrong = [*wrong, "No settings are given back, for the adjustment contradicts itself: "
-                 "correct what stands above, and check again."]  # fmt: skip
+        no_settings = (
+            "So the adjustment contradicts itself, and no settings are given back: correct the "
+            "cause, and check again."
+        )
+        wrong = [*contradicted, no_settings, *(one for one in wrong if one not in contradicted)]
     checked = Checked(
         project=str(project),
         form=imported["form"],
@@ -391,7 +394,9 @@ def _adjusted(
     report = registry.room("report").of_adjustment(adjustment)
     contradicted = [*least_squares.implausible(adjustment)]
     if adjustment.sigma0 > _FITS:
-        contradicted.append("the measurements do not fit")
+        contradicted.append(
+            f"Sigma naught is {adjustment.sigma0:.3g}: the measurements do not fit each other."
+        )
     zero = least_squares.may_be_zero(adjustment).groupby("camera", sort=False)["parameter"]
     return adjustment.to_dict() | {
         "opening": report.opening,
@@ -461,10 +466,13 @@ def _write(checked: Checked, folder: Path, beside: list[str]) -> list[str]:
     """The page and the JSON file."""
     found = folder / "adjusted_with_found"
     home = found if found.is_dir() else folder / "adjusted"
+    tested = (checked.adjustment or {}).get("check_points", {}).get("rows")
+    empty = () if tested else ("check_points",)
+    empty = ("check_points", "residuals_along") if checked.verdict == "failed" else empty
     shown = [
         (name.replace("_", " "), "", file.read_bytes())
         for name in ("check_points", "residuals_along")
-        if checked.verdict != "failed" and (file := home / f"{name}.png").is_file()
+        if name not in empty and (file := home / f"{name}.png").is_file()
     ]
     with whole_file(folder / "report.html") as part:
         part.write_text(report_of(checked).page(shown), encoding="utf-8", newline="\n")
