@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from benchmarks.tries.brought import BROUGHT
 from benchmarks.tries.forms import FORMS
 from benchmarks.tries.running import Try
 
@@ -499,4 +500,5 @@ TRIES = (
     Try("415", "adjust {w}/own -o {o}/a --effect rolling_shutter:readout=0.02", 2,
         "values are estimated here, write rolling_shutter"),
     *FORMS,
+    *BROUGHT,
 )  # fmt: skip

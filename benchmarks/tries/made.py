@@ -19,7 +19,7 @@ import pandas as pd
 from PIL import Image
 
 import corridor
-from benchmarks.tries import forms, strangers
+from benchmarks.tries import brought, forms, strangers
 from corridor.core.block import Block
 from corridor.core.camera import Camera
 from corridor.core.geometry import rotation_from_quaternion
@@ -113,6 +113,7 @@ def make(home: Path, short: bool = False) -> None:
     _strange(home, grid)
     strangers.make(home)
     forms.make(home)
+    brought.make(home)
 
 
 def flight(plan: Path) -> Block:

@@ -26,7 +26,7 @@ from corridor.core.errors import CorridorWarning, InputError
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
 # 5,25 and 467.124,409; 31,958, which may be of thousands; 5.25 and 467,124.409.
-_COMMA = re.compile(r"[+-]?(\d*,\d+([eE][+-]?\d+)?|\d{1,3}([.'’ \xa0\u202f]\d{3})+,\d+)")
+_COMMA = re.compile(r"[+-]?(\d*,\d+([eE][+-]?\d+)?|\d{1,3}([.'’ \xa0\u2009\u202f]\d{3})+,\d+)")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 _POINT = re.compile(r"[+-]?(\d*\.\d+([eE][+-]?\d+)?|\d{1,3}((,\d{3})+\.\d*|(,\d{3}){2,}))")
 # 1.5D+03, as programs in Fortran print it.
@@ -34,6 +34,8 @@ _FORTRAN = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d+$)")
 # Bytes that are no UTF-8, and what they are in no word.
 _FOREIGN = re.compile("[\udc80-\udcff]")
 _NO_WORD = re.compile(r"[^\x00-\x7f]{3}|[\x80-\x9f]")
+# Bytes that show an encoding.
+_FIRST = 64
 UTF16 = (b"\xff\xfe", b"\xfe\xff")
 # Numbers as text are packed to a third or a tenth. What is packed to less than a hundredth holds
 # nothing but repetition, and may have been made to fill a memory; so few bytes fill none.
@@ -233,7 +235,7 @@ def lines(path: Path, size: int = 0, passed: int = 0) -> Iterator[Line]:
     at, told = passed, False
     try:
         with unpacked(path) as data:
-            encoding = "utf-16" if data.read(2) in UTF16 else "utf-8-sig"
+            encoding = encoding_of(data.read(_FIRST))
             data.seek(size)
             # A byte that is no UTF-8 waits as half a character for what it may be.
             with io.TextIOWrapper(data, encoding, errors="surrogateescape") as texts:
@@ -241,9 +243,10 @@ def lines(path: Path, size: int = 0, passed: int = 0) -> Iterator[Line]:
                     line = Line(path, at, text.rstrip("\n"))
                     if not text.isascii() and _FOREIGN.search(text):
                         line.text = _western(line)
-                        if not told:
-                            words = re.split(r"[;,\s]+", line.text)
-                            word = next(word for word in words if not word.isascii())
+                        # Blanks between thousands are the same in every western code page.
+                        words = re.split(r"[;,\s]+", line.text)
+                        word = next((word for word in words if not word.isascii()), "")
+                        if word and not told:
                             warnings.warn(
                                 f"{path.name}, line {at}: the text is not UTF-8 and was read as "
                                 f"Windows-1252 ({word[:40]!r}); where names come out wrong, save "
@@ -251,7 +254,7 @@ def lines(path: Path, size: int = 0, passed: int = 0) -> Iterator[Line]:
                                 CorridorWarning,
                                 stacklevel=2,
                             )
-                        told = True
+                        told = told or bool(word)
                     if "\0" in text:
                         raise line.wrong("this is not text; give a text")
                     yield line
@@ -261,6 +264,17 @@ def lines(path: Path, size: int = 0, passed: int = 0) -> Iterator[Line]:
         ) from None
     except (OSError, EOFError) as error:
         raise missing(path, error) from error
+
+
+def encoding_of(start: bytes) -> str:
+    """UTF-16 with a byte order mark, or without one where every second byte of the first ones is
+    zero, as of a table in Latin letters; else UTF-8."""
+    if start[:2] in UTF16:
+        return "utf-16"
+    for order, zeros, others in (("le", start[1::2], start[::2]), ("be", start[::2], start[1::2])):
+        if 2 * zeros.count(0) > len(zeros) > 0 and 0 not in others:
+            return f"utf-16-{order}"
+    return "utf-8-sig"
 
 
 def _western(line: Line) -> str:

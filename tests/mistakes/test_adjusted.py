@@ -96,8 +96,9 @@ ADJUSTED = {
         table("images", lambda f: f.rename(columns=QW_LAST)), 2,
         "quaternion .world to camera, qw first", "",
     ),
-    "GNSS in feet": (
-        times("gnss", 3.28084, "x", "y", "z"), 1, "did not converge", "--iterations 6"
+    "GNSS in feet": (times("gnss", 3.28084, "x", "y", "z"), 2, "gnss.csv is in feet", ""),
+    "GNSS heights in millimetres": (
+        times("gnss", 1000, "z"), 2, "Heights of gnss.csv are in millimetres", ""
     ),
     "GNSS of other images": (
         table("gnss", lambda f: f.assign(image=f["image"].to_numpy()[::-1])), 1,

@@ -50,5 +50,11 @@ from corridor.core.adjustment.snooping import Blunder, blunders
 from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.turns import with_turns_as_seen
 from corridor.core.adjustment.uncertain_motion import MotionScale, as_seen
-from corridor.core.adjustment.warnings import different_arms, grave, implausible, tested_by
+from corridor.core.adjustment.warnings import (
+    different_arms,
+    grave,
+    implausible,
+    may_be_zero,
+    tested_by,
+)
 from corridor.core.geometry import Similarity, similarity

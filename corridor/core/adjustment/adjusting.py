@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 
-from corridor.core.adjustment.blunders import without_exchanged
+from corridor.core.adjustment.blunders import positions_otherwise, without_exchanged
 from corridor.core.adjustment.covariance import Covariance
 from corridor.core.adjustment.datum import (
     explain,
@@ -84,6 +84,8 @@ _WEIGHTS = ("estimated", "marks", "stated")
 # Of so few images, or the share above, start poses that show nothing are found anew; of more, a
 # convention is another one.
 _FEW_POSES = 2
+# Positions that rise by so many times more than they lie apart are worth a question.
+_STEEP = 2.0
 # A point that ends this near to a camera, of where it began, has fallen into it.
 _FALLEN = 0.1
 # Start poses that are off by more are worth a question: those of gimbals and courses are not.
@@ -201,6 +203,7 @@ def adjust(
         return with_ground_doubts(found) if weights == "estimated" else found
 
     def from_start(block: Block) -> Adjustment:
+        _refuse_steep(block)
         block, turned = with_turns_as_seen(block, again)
         block, other = without_impossible_points(block, run.strict)
         block, left_out = adjustable_part_as_seen(block, model, again, run.strict)
@@ -628,6 +631,26 @@ def _completed(block: Block, progress: Callable[[Progress], None] | None) -> Blo
                 out.put("images", POSE, found)
                 return initial.complete(out, _interim, progress)
     raise error
+
+
+def _refuse_steep(block: Block) -> None:
+    """Raises InputError where positions rise by more than they lie apart, and the images show
+    without them that it is their unit: start poses that were made of them are in the same."""
+    given = block.numbers("gnss", *"xyz")
+    known = given[np.isfinite(given).all(axis=1)]
+    if not len(known) or not np.ptp(known[:, 2]) > _STEEP * np.ptp(known[:, :2], axis=0).max():
+        return
+    bare = without_starts(block, np.ones(len(block.images), dtype=bool))
+    for table in ("points", "gnss", "ground", "marks"):
+        setattr(bare, table, getattr(bare, table).iloc[:0])
+    try:
+        made = complete(bare).poses
+    except (InputError, AdjustmentFailed):
+        return
+    # Level heights would do as well as those that are read in a unit; these are not level.
+    at = made[block.image_rows("gnss"), :3]
+    if told := positions_otherwise(given, at, of_nothing=1.0):
+        raise InputError(f"{told}, as the images show by themselves: write metres.")
 
 
 def _without_any_start(block: Block) -> Block | None:

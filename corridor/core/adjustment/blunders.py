@@ -15,11 +15,19 @@ from scipy.spatial import cKDTree
 
 from corridor.core.adjustment.model import Model
 from corridor.core.block import Block
-from corridor.core.camera import project, undistort
+from corridor.core.camera import project, project_rays, undistort
 from corridor.core.errors import AdjustmentFailed, InputError
 from corridor.core.geometry import Rays, meeting_points, robust_scale, rotation_from_quaternion
 from corridor.core.output import counted
-from corridor.core.preparation import AXES, UNITS_M
+from corridor.core.preparation import (
+    AXES,
+    LARGE_UNITS,
+    apart,
+    apart_in_shape,
+    as_posed,
+    other_unit,
+    sampled,
+)
 
 if TYPE_CHECKING:
     from corridor.core.adjustment.result import Adjustment
@@ -42,6 +50,8 @@ _ALIKE, _ELSEWHERE_M = 0.1, 2.0
 _NO_WITNESS = 2.0
 # Control points that hold a block without GNSS.
 _LEAST_CONTROL = 3
+# A shape tells a unit by so many points: a similarity takes seven of their fifteen numbers.
+_LEAST_IN_SHAPE = 5
 
 
 def without_wild_cells(block: Block, model: Model) -> tuple[Block, list[str]]:
@@ -59,6 +69,29 @@ def without_wild_cells(block: Block, model: Model) -> tuple[Block, list[str]]:
     pose = block.poses
     out = _gnss(out, block, pose, notes)
     return _ground(out, block, model, pose, notes), notes
+
+
+def positions_otherwise(given: np.ndarray, at: np.ndarray, of_nothing: float | None = None) -> str:
+    """Which axes of positions (n, 3) are in which unit, beside where images are, (n, 3) in metres
+    of the same frame or of any; empty where they are in metres. of_nothing: as in `other_unit`."""
+    known = np.isfinite(given).all(axis=1) & np.isfinite(at).all(axis=1)
+    if known.sum() < _LEAST_IN_SHAPE:
+        return ""
+    given, at = given[known], at[known]
+    told = other_unit("gnss.csv", given, at, _ALIKE)
+    if told or apart(given, at) < _ELSEWHERE_M:
+        return told
+    return other_unit("gnss.csv", given, at, _ALIKE, apart_in_shape, of_nothing)
+
+
+def _askew(block: Block) -> bool:
+    """Whether most tie points lie elsewhere in their pictures than start values put them."""
+    seen = as_posed(block, "tie_points", sampled(block))
+    lens = np.array([camera.interior for camera in block.cameras.values()])
+    lens[:, 3:-1] = 0.0
+    off = seen.pixel - project_rays(seen.ray, lens, block.image_camera[seen.image])
+    width = max(camera.width for camera in block.cameras.values())
+    return bool(len(off)) and float(np.median(np.linalg.norm(off, axis=1))) > _ALIKE * width
 
 
 def _posed(block: Block) -> bool:
@@ -145,13 +178,7 @@ def _in_place(block: Block, pose: np.ndarray) -> bool:
     known = np.isfinite(given).all(axis=1) & np.isfinite(at).all(axis=1)
     if known.sum() < 4:
         return False
-    return _apart(at[known], given[known]) < _ALIKE * np.ptp(given[known], axis=0).max()
-
-
-def _apart(one: np.ndarray, other: np.ndarray) -> float:
-    """How far points (n, 3) lie (median) from others, but for one vector."""
-    away = one - other
-    return float(np.median(np.linalg.norm(away - np.median(away, axis=0), axis=1)))
+    return apart(at[known], given[known]) < _ALIKE * np.ptp(given[known], axis=0).max()
 
 
 def _read_otherwise(given: np.ndarray, seen: np.ndarray) -> str:
@@ -161,15 +188,10 @@ def _read_otherwise(given: np.ndarray, seen: np.ndarray) -> str:
     given, seen = given[known], seen[known]
     if len(given) < _LEAST_CONTROL:
         return ""
-    left = _apart(given, seen)
-    for what, axes in (("ground.csv is", (1, 1, 1)), ("Heights of ground.csv are", (0, 0, 1))):
-        kept = given * (1 - np.array(axes))
-        read = {u: _apart(kept + m * (given - kept), seen) for u, m in UNITS_M.items()}
-        unit = min(read, key=read.__getitem__)
-        # Of a small unit hardly anything is left of them, which is as near to points of any kind.
-        if read[unit] < _ALIKE * min(left, _apart(kept, seen)):
-            return f"{what} in {unit}, beside images and GNSS in metres: convert to metres."
-    turned = {words: _apart(given[:, order] * sign, seen) for words, order, sign in AXES}
+    if told := other_unit("ground.csv", given, seen, _ALIKE):
+        return f"{told}, beside images and GNSS in metres: convert to metres."
+    left = apart(given, seen)
+    turned = {words: apart(given[:, order] * sign, seen) for words, order, sign in AXES}
     words = min(turned, key=turned.__getitem__)
     if turned[words] < _ALIKE * left:
         return f"ground.csv has {words} beside images and GNSS: x is east, y north, z up."
@@ -180,7 +202,7 @@ def _read_otherwise(given: np.ndarray, seen: np.ndarray) -> str:
     ):
         other = given.copy()
         other[:, k] = seen[:, k]
-        if _apart(other, seen) < _ALIKE * left:
+        if apart(other, seen) < _ALIKE * left:
             return (
                 f"ground.csv has {'xyz'[k]} = {given[0, k]:g} in all rows, where images show the "
                 f"points up to {span[k]:.2f} m apart: was one cell copied into the rows "
@@ -198,7 +220,7 @@ def _elsewhere(given: np.ndarray, seen: np.ndarray, far: float) -> str:
     given, seen = given[known], seen[known]
     if len(given) < _LEAST_CONTROL:
         return ""
-    middle, left = np.median(given - seen, axis=0), _apart(given, seen)
+    middle, left = np.median(given - seen, axis=0), apart(given, seen)
     length = float(np.linalg.norm(middle))
     if length < max(_ELSEWHERE_M, far) or left > _ALIKE * length:
         return ""
@@ -216,6 +238,10 @@ def _gnss(out: Block, block: Block, pose: np.ndarray, notes: list[str]) -> Block
     if not len(block.gnss):
         return out
     given, at = block.numbers("gnss", *"xyz"), pose[block.image_rows("gnss"), :3]
+    told = positions_otherwise(given, at)
+    # Which of the two is in metres, the images show where a unit is larger.
+    if told and not (told.endswith(LARGE_UNITS) and _askew(block)):
+        raise InputError(f"{told}, beside the start poses of images.csv: write metres.")
     rows, far = _far(given - at, _height(block, pose))
     permuted, other = _permuted(given, at)
     if len(permuted) >= max(len(rows), 1):
@@ -266,6 +292,10 @@ def _ground(
     given = block.numbers("ground", *"xyz")[used]
     seen = where_seen(seen_by or block, pose)[used]
     otherwise = _read_otherwise(given, seen) if _in_place(block, pose) else ""
+    known = np.isfinite(given).all(axis=1) & np.isfinite(seen).all(axis=1)
+    if not otherwise and known.sum() >= _LEAST_IN_SHAPE:
+        unit = other_unit("ground.csv", given[known], seen[known], _ALIKE, apart_in_shape)
+        otherwise = f"{unit}, beside images in one scale: convert to metres." if unit else ""
     if otherwise:
         raise InputError(otherwise)
     names = block.ground["point"].to_numpy(dtype=object)[used]
@@ -327,10 +357,10 @@ def exchanged_points(given: np.ndarray, seen: np.ndarray) -> list[tuple[int, int
     pairs = []
     for i, j in itertools.combinations(worst, 2):
         one, two = known[i], known[j]
-        apart = np.linalg.norm(given[one] - given[two])
+        between = np.linalg.norm(given[one] - given[two])
         crossed = [seen[one] - middle - given[two], seen[two] - middle - given[one]]
         other = np.linalg.norm(crossed, axis=1).max()
-        if other < EXCHANGED * apart and min(length[i], length[j]) > (1.0 - EXCHANGED) * apart:
+        if other < EXCHANGED * between and min(length[i], length[j]) > (1.0 - EXCHANGED) * between:
             pairs.append((int(one), int(two)))
     return pairs
 

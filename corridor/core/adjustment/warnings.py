@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pandas as pd
+from scipy.special import chdtri
 
 from corridor.core.adjustment.blunders import told_exchanged
 from corridor.core.adjustment.tables import Tables
@@ -35,6 +36,8 @@ WIDEST_RAD = 1.37
 _SURE_OF_ARMS, _OTHER_ARM_M = 5.0, 0.1
 # Control that is stated this coarsely, m, and by points that are several fits to this share of it.
 _COARSE_M, _SEVERAL, _FINE = 0.1, 4, 0.1
+# Below this many standard deviations a value may be zero, which by chance happens to so many.
+_TWO_SIGMAS, _BY_CHANCE = 2.0, 0.0455
 # Sigma naught of a kind of observation that contradicts what is stated of it.
 _DOUBTFUL = 2.0
 
@@ -451,12 +454,33 @@ def _outliers(a, missed):
             )
 
 
+def may_be_zero(a: Tables) -> pd.DataFrame:
+    """Rows of `camera` with the coefficients that may all be zero together, camera by camera.
+
+    Each is below two standard deviations; of those that go together, as k1 to k3 do, the one of the
+    most standard deviations is left free until the rest passes the test of all (95 %).
+    Source: the general linear hypothesis, Koch 1999, section 4.2.
+    """
+    free = a.camera[a.camera["free"] & (a.camera["unit"] == "") & (a.camera["sigma"] > 0)]
+    share = (free["value"] / free["sigma"]).rename(None)
+    weak = list(free.index[share.abs() < _TWO_SIGMAS])
+    label = "camera." + free["camera"].astype(str) + "." + free["parameter"].astype(str)
+    matrix = a.correlation_matrix if weak else None
+    kept: list = []
+    for _, mine in free.loc[weak].groupby("camera", sort=False):
+        rows = list(mine.index)
+        while len(rows) > 1:
+            rho = matrix.loc[label[rows], label[rows]].to_numpy()
+            value = share[rows].to_numpy()
+            if value @ np.linalg.pinv(rho, hermitian=True) @ value < chdtri(len(rows), _BY_CHANCE):
+                break
+            rows.remove(share[rows].abs().idxmax())
+        kept += rows
+    return a.camera.loc[sorted(kept)]
+
+
 def _insignificant(a):
-    weak = a.camera[
-        a.camera["free"]
-        & (a.camera["unit"] == "")
-        & (a.camera["value"].abs() < 2 * a.camera["sigma"])
-    ]
+    weak = may_be_zero(a)
     if len(weak):
         alike: dict[str, list[str]] = {}
         for parameter, rows in weak.groupby("parameter", sort=False):

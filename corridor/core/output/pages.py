@@ -38,7 +38,7 @@ figcaption {color: #555; font-size: .9em; max-width: 46em}
 .corridor-report td {vertical-align: top}
 body .corridor-report {max-width: none}
 .corridor-report td.text {white-space: normal; min-width: 10em; overflow-wrap: anywhere}
-.corridor-report td.text code {white-space: normal}
+body .corridor-report code {white-space: normal; overflow-wrap: anywhere}
 @media print {body {margin: 0; max-width: none} figure, table {break-inside: avoid}}
 """.strip()
 
@@ -74,7 +74,7 @@ class Report:
         """The same report as a piece of HTML; the same input gives the same text."""
         parts = [f"<style>{_STYLE}</style>", '<div class="corridor-report">']
         parts.append(f"<p>{html.escape(self.opening)}</p>")
-        parts += [f'<p class="warning">{html.escape(str(w))}</p>' for w in self.warnings]
+        parts += [f'<p class="warning">{with_commands(str(w))}</p>' for w in self.warnings]
         parts += [numbered(self.actions)] if self.actions else []
         parts += [table.html() for table in self.tables]
         parts.append("</div>")

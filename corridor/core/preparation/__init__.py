@@ -2,7 +2,9 @@
 
 from corridor.core.preparation.angular_rate import rates_from_neighbours
 from corridor.core.preparation.half_turns import (
+    as_posed,
     quarters_of,
+    sampled,
     turned_back,
     turned_by,
     turned_images,
@@ -10,7 +12,6 @@ from corridor.core.preparation.half_turns import (
 )
 from corridor.core.preparation.plausibility import (
     AXES,
-    UNITS_M,
     coarse_sigmas,
     marks_of_another_size,
     mirrored,
@@ -19,7 +20,6 @@ from corridor.core.preparation.plausibility import (
     position_difference,
     position_disagreement,
     position_outliers,
-    unit_of,
     without_impossible_points,
 )
 from corridor.core.preparation.plausibility_of_motion import paired_speeds, velocity_warnings
@@ -40,4 +40,12 @@ from corridor.core.preparation.record import (
 from corridor.core.preparation.record import record as record_derived
 from corridor.core.preparation.smoothing import rounding, unrounded
 from corridor.core.preparation.strips import strips_of, track_runs
+from corridor.core.preparation.units import (
+    LARGE_UNITS,
+    UNITS_M,
+    apart,
+    apart_in_shape,
+    other_unit,
+    unit_of,
+)
 from corridor.core.preparation.velocity import METHODS, Velocities, times, velocities

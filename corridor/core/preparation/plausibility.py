@@ -21,6 +21,7 @@ from corridor.core.preparation.plausibility_of_rigs import rig_warnings
 from corridor.core.preparation.plausibility_of_rows import row_warnings
 from corridor.core.preparation.plausibility_on_earth import earth_warnings
 from corridor.core.preparation.record import derived
+from corridor.core.preparation.units import UNITS_M, unit_of
 
 # Observations outside their picture: a few are bad matches, which are named one by one.
 _SHARE_OUTSIDE = 0.02
@@ -54,13 +55,10 @@ _STRAY_M, _FEW, _FEWEST = 1.0, 0.1, 5
 _PLACES, _ELSEWHERE = 3, 0.2
 # Drones and small aircraft fly no higher above ground, m.
 _HIGHEST_M = 3000.0
-_FOOT_M = 0.3048
+_FOOT_M = UNITS_M["feet"]
 # No camera that works is hotter (industrial range of electronics), which is 185 F; a distance is
 # another when it is longer or shorter by this much (logarithm), which no survey's error is.
 _HOTTEST_C, _HOTTEST_F, _OTHER_LENGTH = 85.0, 185.0, 0.2
-# Units that lengths are given in by mistake, m; a ratio this near to theirs is taken for it.
-UNITS_M = {"feet": _FOOT_M, "centimetres": 1e-2, "millimetres": 1e-3, "kilometres": 1e3}
-_OF_UNIT = 0.02
 # Drones, which fly below a height, and aircraft carry an antenna no farther from the camera.
 _OF_DRONES_M, _LONGEST_ARM_M = 150.0, (2.5, 15.0)
 _LEAST_UNIT_PX = 5.0  # of marks that are not in pixels
@@ -187,11 +185,6 @@ def _settings(block: Block) -> Iterator[str]:
                 f"{high:.0f} m above the ground is not so large: lever arms are in metres "
                 f"({length:.4g} mm are {length / 1000:.4g}, {length:.4g} cm {length / 100:.4g})."
             )
-
-
-def unit_of(ratio: float) -> str:
-    """The unit whose numbers are so many times those in metres; empty where it is none."""
-    return next((unit for unit, m in UNITS_M.items() if abs(ratio * m - 1.0) < _OF_UNIT), "")
 
 
 def _units(block: Block) -> Iterator[str]:

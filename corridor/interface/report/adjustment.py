@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import chdtri
 
-from corridor.core.adjustment import ALPHA, Adjustment, critical, tested_by
+from corridor.core.adjustment import ALPHA, Adjustment, critical, may_be_zero, tested_by
 from corridor.core.geometry import is_outlier
 from corridor.core.output import (
     DASH,
@@ -520,11 +520,8 @@ def _camera(adjustment: Adjustment) -> Table:
 
 def _doubtful(adjustment: Adjustment) -> list[tuple[str, str]]:
     """Camera and parameter of the coefficients that may be zero."""
-    return [
-        (row.camera, row.parameter)
-        for row in adjustment.camera.itertuples(index=False)
-        if not row.unit and row.sigma > 0 and abs(row.value) < 2 * row.sigma
-    ]
+    rows = may_be_zero(adjustment)
+    return list(zip(rows["camera"], rows["parameter"], strict=True))
 
 
 def _effects(adjustment: Adjustment) -> Table | None:

@@ -46,7 +46,11 @@ class ProgramSettings:
                 value, sigma = one["value"], one["sigma"]
                 if not sigma or value is None:
                     continue
-                firm = name in _ALWAYS or abs(value) > _SIGNIFICANT * sigma
+                # Alone each may be zero, and yet not all together, which the adjustment says.
+                may = abs(value) <= _SIGNIFICANT * sigma
+                if "may_be_zero" in adjustment:
+                    may = name in adjustment["may_be_zero"].get(camera, [])
+                firm = name in _ALWAYS or not may
                 (free if firm else hold).append(name)
         named = [one for one in (found or {}).get("effects") or [] if one.get("class") == "named"]
         observed = adjustment["observations"]

@@ -160,9 +160,13 @@ def check_project(
     if best is not None and best["converged"]:
         home = output / "adjusted_with_found"
     final = best if home.name != "adjusted" else adjustment
-    settings = ProgramSettings.of(final, found, block) if final["converged"] else None
+    # What contradicts itself is corrected first: its numbers would spoil the next adjustment too.
+    contradicted = final.get("contradicted") or []
+    answers = final["converged"] and not contradicted
+    # The adjusted block has the standard deviations that were used.
+    settings = ProgramSettings.of(final, found, read(home / "block")) if answers else None
     taken = None
-    if final["converged"]:
+    if settings is not None:
         taken = stages.get("taken")
         taken = None if taken is None else TakenBack(**taken)
         if taken is None:
@@ -180,6 +184,12 @@ def check_project(
     certified = (stages.get("certified") or {"files": []})["files"]
     verdict, sentence = verdict_of(final, found, required)
     wrong, actions = _told(final, found, imported, home)
+    if contradicted:
+        no_settings = (
+            "So the adjustment contradicts itself, and no settings are given back: correct the "
+            "cause, and check again."
+        )
+        wrong = [*contradicted, no_settings, *(one for one in wrong if one not in contradicted)]
     checked = Checked(
         project=str(project),
         form=imported["form"],
@@ -382,7 +392,18 @@ def _adjusted(
         return {"converged": False, "warnings": doubts}
     adjustment.save(folder, registry.room("figures").of_adjustment)
     report = registry.room("report").of_adjustment(adjustment)
-    return adjustment.to_dict() | {"opening": report.opening, "actions": list(report.actions)}
+    contradicted = [*least_squares.implausible(adjustment)]
+    if adjustment.sigma0 > _FITS:
+        contradicted.append(
+            f"Sigma naught is {adjustment.sigma0:.3g}: the measurements do not fit each other."
+        )
+    zero = least_squares.may_be_zero(adjustment).groupby("camera", sort=False)["parameter"]
+    return adjustment.to_dict() | {
+        "opening": report.opening,
+        "actions": list(report.actions),
+        "contradicted": contradicted,
+        "may_be_zero": {str(camera): list(names) for camera, names in zero},
+    }
 
 
 def _diagnosed(
@@ -445,10 +466,13 @@ def _write(checked: Checked, folder: Path, beside: list[str]) -> list[str]:
     """The page and the JSON file."""
     found = folder / "adjusted_with_found"
     home = found if found.is_dir() else folder / "adjusted"
+    tested = (checked.adjustment or {}).get("check_points", {}).get("rows")
+    empty = () if tested else ("check_points",)
+    empty = ("check_points", "residuals_along") if checked.verdict == "failed" else empty
     shown = [
         (name.replace("_", " "), "", file.read_bytes())
         for name in ("check_points", "residuals_along")
-        if checked.verdict != "failed" and (file := home / f"{name}.png").is_file()
+        if name not in empty and (file := home / f"{name}.png").is_file()
     ]
     with whole_file(folder / "report.html") as part:
         part.write_text(report_of(checked).page(shown), encoding="utf-8", newline="\n")

@@ -13,11 +13,12 @@ from corridor.core.camera import Camera
 from corridor.core.effects import take_out
 from corridor.core.errors import InputError
 from corridor.core.gnss import in_world, known_crs, world_crs
-from corridor.core.output import counted, whole_folder, write_csv
+from corridor.core.output import counted, millimetres, significant, whole_folder, write_csv
 from corridor.tools.check.advice import ProgramSettings
 
 MARK = "settings.txt"
 _DIGITS = 12  # a northing to a hundredth of a millimetre
+_NOTHING = 1e-8  # of a coordinate, a parameter or a pixel: rounding of the computation
 _XYZ, _SIGMAS = ["x", "y", "z"], ["sx", "sy", "sz"]
 
 
@@ -112,10 +113,11 @@ def proved(folder: Path, block: Block, native: str, formats) -> str:
 
 
 def _same(off: float, unit: str) -> str:
-    """How far apart two of the same are; rounding of what is written is below 1e-4."""
-    if off == 0.0:
+    """How far apart two of the same are, m, px or as numbers; the same where by less than any
+    digit that a file of another program has."""
+    if off < _NOTHING:
         return f"the same {unit}" if " " in unit else "the same"
-    return f"the same to {off:.1g} {unit}"
+    return f"the same to {millimetres(off) if unit == 'm' else f'{significant(off)} {unit}'}"
 
 
 def _largest(apart: np.ndarray) -> float:

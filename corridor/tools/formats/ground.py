@@ -122,7 +122,7 @@ def is_gcp_list(head: str) -> bool:
 
 def crs_of_line(text: str) -> str | None:
     """The reference system that the first line of a gcp_list.txt names, else None."""
-    text = text.strip()
+    text = text.strip().strip('"')
     match = _UTM.fullmatch(text)
     if match:
         return f"EPSG:{(32600 if match[2].upper() == 'N' else 32700) + int(match[1])}"
@@ -153,6 +153,8 @@ def read_gcp_list(path: Path) -> Ground:
         if not all(map(says_number, spaced)) and text.count(",") > 4:
             text = text.replace(",", " ")
         words = next(csv.reader([" ".join(text.split())], delimiter=" "))
+        if not rows and len(words) > 5 and not any(map(says_number, words)):
+            continue  # what the columns are called
         if len(words) == 5 and not says_number(words[4]):
             # x y column row image: a point without height
             words = [*words[:2], "0", *words[2:]]

@@ -26,14 +26,15 @@ from corridor.tools.formats.textfile import filled
 _WORDS = {
     "point": "point name id label pt gcp pointid pointname marker no nr number nummer punkt "
     "punktnummer pnr p pid station gcpname gcplabel pointnumber targetname target nom nome nombre "
-    "punto ponto vertice piste pontszam cislobodu nazwa nazwapunktu nrpunktu noktano punktnavn pnt",
-    "x": "x e east easting eastings rechtswert rechts ost est este xeasting eastingx xe "
+    "punto ponto vertice piste pontszam cislobodu nazwa nazwapunktu nrpunktu noktano punktnavn pnt "
+    "nrpkt noktaadi",
+    "x": "x e dogu east easting eastings rechtswert rechts ost est este xeasting eastingx xe "
     "abscisse wschod itae kelet oest oestlig saga",
-    "y": "y n north northing northings hochwert hoch nord norte ynorthing northingy yn "
+    "y": "y n kuzey north northing northings hochwert hoch nord norte ynorthing northingy yn "
     "ordonnee polnoc pohjoinen eszak nordlig yukari",
     "z": "z h height elevation elev el ele alt altitude hoehe u up zaltitude ht quota cota hoogte "
     "hoehen zelevation nn nhn nap naphoogte hauteur altura altezza cotaz "
-    "vyska wysokosc korkeus hoejd hoeyde magassag kot",
+    "yuekseklik vyska wysokosc korkeus hoejd hoeyde magassag kot",
     "lon": "lon long lng longitude laenge xlongitude longitud longitudine",
     "lat": "lat latitude breite ylatitude latitud latitudine",
     "sx": "sx seast se xm",
@@ -63,7 +64,12 @@ _PLAIN = ("ö=oe ä=ae ü=ue ø=oe ł=l ı=i σημείο=name ανατολικ�
           "大地高=ellipsoidalheight 纬度b=lat 经度l=lon 点名=name 点番号=name x座標=north "
           "y座標=east 標高=height 楕円体高=ellipsoidalheight 緯度=lat 経度=lon 点号=name "
           "北坐标=north 东坐标=east 高程=height 纬度=lat 经度=lon имя=name номер=no "
-          "северная=north восточная=east высота=height")  # fmt: skip
+          "северная=north восточная=east высота=height север=north восток=east "
+          "東=east 北=north จุด=name ตะวันออก=east เหนือ=north ความสูง=height ละติจูด=lat "
+          "ลองจิจูด=lon")  # fmt: skip
+# Minus signs and dashes; the decimal and thousands separators of Arabic tables.
+_MARKS = str.maketrans({"\u2212": "-", "\u2013": "-", "\u2010": "-", "\u066b": ".", "\u066c": "'"})
+_OF_SCRIPTS = re.compile(r"[\W\d]*\d[.,٫．，][\W\d]*\d|[\W\d]*[-−–－]\s?\d+")
 _PLACE = ("x", "y", "z")
 _UNITS = ("(us|intl?|international|survey|us?survey)?(s?ft|feet|foot)(us|int)?", "[cdkm]m",
           "(centi|deci|kilo|milli)met(er|re)s?")  # fmt: skip
@@ -121,7 +127,7 @@ def read_text(path: Path, exact: bool = False) -> Table:
     # Metashape begins its header with a #.
     commented = [line for line in filled(path) if line.text.lstrip().startswith("#")]
     separator = _separator(found)
-    for line in found:
+    for n, line in enumerate(found):
         cells = _cells(line, separator)
         if not any(cell.strip("-:=") for cell in cells):
             continue  # an empty row of a spreadsheet, or a rule
@@ -130,6 +136,7 @@ def read_text(path: Path, exact: bool = False) -> Table:
         elif rows or header is not None:
             rows.append((line, cells))
         elif _is_whole(_columns(cells)):
+            cells = _filled(cells, [_cells(other, separator) for other in found[n + 1 :]])
             header, units, named = _header(line, cells, notes), _units(cells), cells
         # A line with hardly a number is a header, or a title before it.
         elif sum(map(_is_place_like, cells)) < 2:
@@ -200,18 +207,42 @@ def _cells(line: Line, separator: str | None) -> list[str]:
         text = " ".join(text.split())
     if separator == "|":
         text = text.strip().removeprefix("|")
+    if separator and re.fullmatch(r'"[^"]+"', text) and separator in text:
+        text = text[1:-1]  # a spreadsheet that took the whole row for one cell
     cells = next(csv.reader([text], delimiter=separator or " ", skipinitialspace=True))
     # A spreadsheet keeps a text as ="G01".
-    cells = [re.sub(r'^="(.*)"$', r"\1", cell.strip()) for cell in cells]
+    cells = [_plain_marks(re.sub(r'^="(.*)"$', r"\1", cell.strip())) for cell in cells]
     while cells and not cells[-1]:
         cells.pop()
     return cells
 
 
+def _filled(cells: list[str], rows: list[list[str]]) -> list[str]:
+    """A header without the names of columns that are all empty, where another one says the same:
+    of two heights, or of two systems."""
+    columns = _columns(cells)
+    have = {k for k in range(len(cells)) if any(_cell(row, k) for row in rows)}
+    given = {columns[k] for k in have}
+    whole = {"lat", "lon"} <= given or {"x", "y"} <= given
+    spare = given | ({"lat", "lon", "x", "y"} if whole else set())
+    spared = {k for k in range(len(cells)) if k not in have and columns[k] in spare} if rows else ()
+    return ["" if k in spared else cell for k, cell in enumerate(cells)]
+
+
+def _plain_marks(cell: str) -> str:
+    """A number with the signs, points and commas of other scripts as one with those of ASCII; any
+    other text as it is."""
+    if cell.isascii() or not re.fullmatch(
+        r"[\W\d]*\d[.,٫．，][\W\d]*\d|[\W\d]*[-−–－]\s?\d+", cell
+    ):
+        return cell
+    return unicodedata.normalize("NFKC", cell).translate(_MARKS)
+
+
 def _number(cell: str) -> float | None:
-    """The number of a cell, None where it is none; 467,312.1 (quoted) and 467'312.1 are some."""
-    cell = cell.replace("\u2212", "-")
-    if re.fullmatch(r"[+-]?\d{1,3}((,\d{3})+\.\d*|(['’ \xa0\u202f]\d{3})+(\.\d*)?)", cell):
+    """The number of a cell, None where it is none; 467,312.1 and 4,67,312.1 (quoted) and 467'312.1
+    are some."""
+    if re.fullmatch(r"[+-]?\d{1,3}((,\d{2,3})*,\d{3}\.\d*|(['’ \xa0\u202f]\d{3})+(\.\d*)?)", cell):
         cell = re.sub(r"[^\d.+-]", "", cell)
     try:
         return float(cell) if "_" not in cell else None
@@ -336,7 +367,8 @@ def _header(line: Line, cells: list[str], notes: list[str]) -> list[str | None]:
         columns[0] = "point"
     if "point" not in columns:
         raise line.wrong("the header names no column of names; add one called point")
-    unused = [cell for cell, column in zip(cells, columns, strict=False) if column is None]
+    named_so = zip(cells, columns, strict=False)
+    unused = [cell for cell, column in named_so if cell and column is None]
     if unused:
         notes.append(f"columns of the header that are not known, unused: {', '.join(unused)}")
     return columns

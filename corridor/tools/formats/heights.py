@@ -9,11 +9,14 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from corridor.core.block import Block
-from corridor.core.errors import InputError
-from corridor.core.geometry import similarity
 from corridor.core.gnss import local_of
 from corridor.core.photographs import Metadata
-from corridor.core.preparation import UNITS_M, position_difference
+from corridor.core.preparation import (
+    UNITS_M,
+    apart_in_shape,
+    other_unit,
+    position_difference,
+)
 from corridor.tools.formats.project import Project
 
 _FOOT_M = UNITS_M["feet"]
@@ -26,35 +29,22 @@ _APART_M, _GEOID_M = 3.0, 110.0
 _LEVEL, _OF_FEET = 0.05, 0.02
 # The same, from which a ground point is far above or below the tie points beside it.
 _OFF = 0.2
-# Beside so much rise and fall a unit shows, by residuals so many times smaller.
+# Beside so much rise and fall a unit of heights shows; any unit, by so many times less misfit.
 _RISE_M, _BETTER = 5.0, 5.0
 # Above the ellipsoid: only at the Dead Sea land lies lower, and hardly anybody surveys higher.
 _LOWEST_M, _HIGHEST_M = -250.0, 6500.0
 
 
-def unit_that_fits(source: np.ndarray, target: np.ndarray) -> str:
-    """The unit, not metres, in which heights of target (n, 3) fit the shape of source; or empty.
+def unit_that_fits(what: str, source: np.ndarray, target: np.ndarray) -> str:
+    """Which axes of what is called so, target (n, 3), fit the shape of source only in another unit:
+    "Heights of positions are in feet"; or empty.
 
-    source: camera centres in any frame. Flights at one height do not tell.
+    source: camera centres in any frame. Flights at one height do not tell heights.
     """
     known = np.isfinite(source).all(axis=1) & np.isfinite(target).all(axis=1)
-    source, target = source[known], target[known]
-    if len(source) < 2 * _FEWEST or np.ptp(target[:, 2]) < _RISE_M * _FOOT_M:
+    if known.sum() < 2 * _FEWEST:
         return ""
-
-    def left(metres: float) -> float:
-        goal = target * [1.0, 1.0, metres]
-        try:
-            off = similarity(source, goal).apply(source) - goal
-        except InputError:
-            return np.inf
-        return float(np.median(np.linalg.norm(off, axis=1)))
-
-    found = {unit: left(metres) for unit, metres in UNITS_M.items()}
-    best = min(found, key=lambda unit: found[unit])
-    # What a unit makes nearly level fits nearly any flight.
-    high = np.ptp(target[:, 2]) * UNITS_M[best] > _RISE_M
-    return best if high and found[best] < left(1.0) / _BETTER else ""
+    return other_unit(what, target[known], source[known], 1.0 / _BETTER, apart_in_shape)
 
 
 def with_heights_told(project: Project, photos: Mapping[int, Metadata], free: bool) -> Project:

@@ -717,10 +717,10 @@ def _placed(
     xyz = found.apply(block.ground[list(POSE[:3])].to_numpy(float))
     with_attitudes = " and their attitudes" if len(axes) else ""
     moved, warnings = moved_by(project, found), []
-    if unit := unit_that_fits(source, target):
+    if told := unit_that_fits(f"positions of {what}", source, target):
         warnings.append(
-            f"heights of {what} fit the shape of the flight only if they are in {unit}: write "
-            "metres, for until then the block is bent to them"
+            f"{told}, by the shape of the flight: write metres, for until then the block is bent "
+            "to them"
         )
     if np.nanmedian(rotation_from_quaternion(moved.block.poses[:, 3:])[:, 2, 2]) > 0:
         # A mirrored flight fits upside down, for its positions lie nearly in a plane.

@@ -147,14 +147,14 @@ def test_every_file_that_is_taken_back_is_imported_again(block, tmp_path):
     checked = check_project(tmp_path / "grid", tmp_path / "out", diagnose=False)
     proof = checked.taken_back.proof
     assert "camera.toml read again: the same in every parameter" in proof
-    ground = r" imported again: 7 points, the same to (\S+) m, \d+ marks, the same to (\S+) px"
+    ground = r" imported again: 7 points, the same to (\S+) mm, \d+ marks, the same to (\S+) px"
     for pattern in (
-        r"positions.csv read again: 12 positions, the same to (\S+) m, standard deviations the ",
+        r"positions.csv read again: 12 positions, the same to (\S+) mm, standard deviations the ",
         rf"ground.csv{ground}",
         rf"gcp_list.txt{ground}",
     ):
         found = re.search(pattern, proof)
-        assert found and all(float(number) <= 1e-3 for number in found.groups()), proof
+        assert found and all(float(number) <= 1.0 for number in found.groups()), proof
     # As a program reads them: UTM, one sigma an axis.
     table = pd.read_csv(tmp_path / "out" / "take_back" / "positions.csv")
     assert abs(table["x"] - 500_000).max() < 100_000 and {"sx", "sy", "sz"} <= set(table)
@@ -185,8 +185,8 @@ def test_a_file_that_is_not_what_was_written_is_told(block, tmp_path):
         table[column] += 0.25
         table.to_csv(folder / name, index=False)
     told = proved(folder, measured, "", interchange)
-    assert told.count("0.2 m") + told.count("0.3 m") == 2 and re.search(r"0\.[23] px", told), told
-    assert "0.2" not in checked.taken_back.proof
+    assert told.count("250 mm") == 2 and "0.25 px" in told, told
+    assert "250" not in checked.taken_back.proof and "0.25" not in checked.taken_back.proof
 
 
 def test_marks_are_taken_back_without_the_effect_that_was_found(block, tmp_path):

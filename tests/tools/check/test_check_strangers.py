@@ -1,6 +1,8 @@
 """Projects as strangers have them: an answer to each, or one sentence on what to bring."""
 
 import json
+import re
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -8,7 +10,7 @@ import pandas as pd
 import pytest
 
 from corridor import cli
-from corridor.core.adjustment import adjust
+from corridor.core.adjustment import adjust, may_be_zero
 from corridor.core.camera import Camera, project
 from corridor.core.errors import InputError
 from corridor.core.geometry import rotation_from_vector
@@ -225,6 +227,49 @@ def test_half_of_the_marks_are_no_outliers_because_ties_are_better_than_stated()
     block.marks = block.marks.assign(x=block.marks["x"] + off[:, 0], y=block.marks["y"] + off[:, 1])
     found = adjust(block).statistics["mark"]
     assert found["outliers"] < 0.2 * found["count"] and found["gross"] == 0
+
+
+def test_coefficients_of_which_one_is_needed_are_not_all_held():
+    """k1 to k3 of a lens that bends by a tenth of a pixel hide behind each other: none alone is two
+    standard deviations, all together they are."""
+    names = ["k1", "k2", "k3"]
+    camera = pd.DataFrame({"camera": "c", "parameter": names, "value": [1.5, -1.4, 1.3],
+                           "sigma": 1.0, "unit": "", "free": True})  # fmt: skip
+    rho = np.array([[1, -0.98, 0.95], [-0.98, 1, -0.99], [0.95, -0.99, 1]])
+    label = [f"camera.c.{name}" for name in names]
+    for sign, held in ((1.0, names), (-1.0, ["k3"])):
+        found = SimpleNamespace(
+            camera=camera.assign(value=camera["value"] * [1, sign, 1]),
+            correlation_matrix=pd.DataFrame(rho, index=label, columns=label),
+        )
+        assert list(may_be_zero(found)["parameter"]) == held
+
+
+def test_the_accuracy_of_positions_is_that_which_was_used(tmp_path):
+    """Metres are stated, and assumed; they scatter by centimetres, and count so."""
+    block = survey(images=24)
+    block.gnss = block.gnss.assign(sx=3.0, sy=3.0, sz=6.0)
+    block.write(tmp_path / "block")
+    checked = check_project(tmp_path / "block", tmp_path / "out", diagnose=False)
+    positions = pd.read_csv(tmp_path / "out" / "take_back" / "positions.csv")
+    used = positions[["sx", "sy", "sz"]].median()
+    assert used.max() < 0.2
+    told = next(one for one in checked.settings if "camera positions" in one)
+    level, up = map(float, re.findall(r"([0-9.]+) mm", told))
+    assert level == pytest.approx(1000 * used[["sx", "sy"]].max(), rel=0.3)
+    assert up == pytest.approx(1000 * used["sz"], rel=0.3)
+
+
+def test_what_contradicts_itself_gives_no_settings_back(tmp_path):
+    """Start poses and positions both with heights in feet: an arm of a hundred metres."""
+    block = survey()
+    for table in ("images", "gnss"):
+        frame = getattr(block, table)
+        setattr(block, table, frame.assign(z=frame["z"] / 0.3048))
+    block.write(tmp_path / "block")
+    checked = check_project(tmp_path / "block", tmp_path / "out", diagnose=False)
+    assert not checked.settings and checked.taken_back is None
+    assert not (tmp_path / "out" / "take_back").exists()
 
 
 def test_accuracies_count_what_residuals_have_lost():

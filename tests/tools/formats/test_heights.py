@@ -22,14 +22,15 @@ def flown(rise, seed, count=40):
 )
 def test_heights_of_a_flight_that_rises_tell_their_unit(unit, metres, seed):
     true, own = flown(30.0, seed)
-    assert unit_that_fits(own, true / [1, 1, metres]) == unit
+    told = unit_that_fits("photographs", own, true / [1, 1, metres])
+    assert told == (f"Heights of photographs are in {unit}" if unit else "")
 
 
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("metres", [0.3048, 1.0])
 def test_heights_of_a_level_flight_tell_nothing(metres, seed):
     true, own = flown(0.5, seed)
-    assert unit_that_fits(own, true / [1, 1, metres]) == ""
+    assert unit_that_fits("photographs", own, true / [1, 1, metres]) == ""
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -37,5 +38,5 @@ def test_heights_that_are_wrong_otherwise_are_no_unit(seed):
     """A drift, and the height of the take-off for all."""
     true, own = flown(30.0, seed)
     drift = np.linspace(0, 40, len(true))
-    assert unit_that_fits(own, true + drift[:, None] * [0, 0, 1]) == ""
-    assert unit_that_fits(own, true * [1, 1, 0] + [0, 0, 160]) == ""
+    assert unit_that_fits("photographs", own, true + drift[:, None] * [0, 0, 1]) == ""
+    assert unit_that_fits("photographs", own, true * [1, 1, 0] + [0, 0, 160]) == ""

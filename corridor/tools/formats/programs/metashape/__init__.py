@@ -744,6 +744,9 @@ def _ground(chunk, world, called, warnings):
     if lost := sum(stated) - len(rows):
         told = f"{lost} markers have x and y and no height (z), so they are no ground points"
         warnings.append(f"{told}: give them a height and its accuracy")
+    if numbers and not any(stated):
+        told = f"{counted(len(numbers), 'marker')} without coordinates: no ground point"
+        warnings.append(f"{told}; where they were surveyed, give that with --ground")
     if not len(rows):
         return None
     return ground_table(
