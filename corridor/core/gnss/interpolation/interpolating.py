@@ -418,18 +418,32 @@ def _left_over(epochs: regimes.Epochs, residual: np.ndarray, model: regimes.Mode
     """Standard deviation (3,), m, of motion in the residuals (n, 3) of usual epochs: as they hang
     together, or are larger than the noise of a receiver that is believed."""
     out, usual = np.zeros(3), (epochs.excess == 0).all(axis=1)
+    if usual.sum() < regimes.FEWEST_EPOCHS:
+        return out
+    noise, passed = _passed(epochs, model)
     for _, axes in regimes.GROUPS:
-        if usual.sum() < regimes.FEWEST_EPOCHS:
-            continue
         mine = residual[usual][:, axes]
-        noise = model.axes[axes[0]].scale * np.median(epochs.usual[:, axes])
-        more = float(robust_scale(mine)) ** 2 - noise**2 * (
+        white = model.axes[axes[0]].scale * np.median(epochs.usual[:, axes])
+        more = float(robust_scale(mine)) ** 2 - white**2 * (
             1 + roughness.CHANCE / np.sqrt(mine.size)
         )
         more = more if model.interval_s < regimes.SLOW_S else 0.0
-        left = roughness.left_over(epochs.time[usual], mine)
+        drawn = noise[usual][:, axes], passed[usual][:, axes]
+        left = roughness.left_over(epochs.time[usual], mine, *drawn)
         out[list(axes)] = max(left, np.sqrt(max(more, 0.0)))
     return out
+
+
+def _passed(epochs: regimes.Epochs, model: regimes.Model) -> tuple[np.ndarray, np.ndarray]:
+    """White noise of the epochs (n, 3), m, drawn as signs, and what the smoother makes of it."""
+    axes = enumerate(model.axes)
+    white = np.sqrt([regimes.rows(epochs, axis, noise).variance for axis, noise in axes]).T
+    half = np.random.default_rng(0).choice([-1.0, 1.0], white.shape)[: (len(white) + 1) // 2]
+    # The same for a track that is turned round.
+    noise = white * np.concatenate([half[: len(white) // 2], half[::-1]])
+    still = None if epochs.velocity is None else 0 * epochs.velocity
+    alone = epochs._replace(position=noise, velocity=still)
+    return noise, smoother.smooth(alone, epochs.time, model)[0]
 
 
 def _between_epochs(time: np.ndarray, at: np.ndarray) -> np.ndarray:
@@ -450,7 +464,8 @@ def _smoothed(epochs, at, count, slow_share):
     some = slice(max((n - _CURVE) // 2, 0), (n + _CURVE) // 2)
     smoothed = smoother.smooth(epochs, np.concatenate([at, epochs.time[some]]), model)
     residual = epochs.position[some] - smoothed[0][len(at) :]
-    left = _left_over(epochs.at(some), residual, model)
+    of_some = model._replace(gusts=model.gusts[some], jerks=model.jerks[some])
+    left = _left_over(epochs.at(some), residual, of_some)
     position, sigma, velocity, v_sigma = (part[: len(at)] for part in smoothed)
     if left.any():
         sigma = np.hypot(sigma, left)
