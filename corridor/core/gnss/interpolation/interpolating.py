@@ -415,35 +415,22 @@ def _shaken(epochs: regimes.Epochs, sigma: np.ndarray, model: regimes.Model) -> 
 
 
 def _left_over(epochs: regimes.Epochs, residual: np.ndarray, model: regimes.Model) -> np.ndarray:
-    """Standard deviation (3,), m, of motion in the residuals (n, 3) of usual epochs: as they hang
-    together, or are larger than the noise of a receiver that is believed."""
-    out, usual = np.zeros(3), (epochs.excess == 0).all(axis=1)
+    """Standard deviation (3,), m, of motion in the residuals (n, 3) of usual epochs, by what the
+    smoother makes of white noise that is drawn as signs, alike for a track that is turned round."""
+    out, usual, n = np.zeros(3), (epochs.excess == 0).all(axis=1), len(residual)
     if usual.sum() < regimes.FEWEST_EPOCHS:
         return out
-    noise, passed = _passed(epochs, model)
-    for _, axes in regimes.GROUPS:
-        mine = residual[usual][:, axes]
-        white = model.axes[axes[0]].scale * np.median(epochs.usual[:, axes])
-        more = float(robust_scale(mine)) ** 2 - white**2 * (
-            1 + roughness.CHANCE / np.sqrt(mine.size)
-        )
-        more = more if model.interval_s < regimes.SLOW_S else 0.0
-        drawn = noise[usual][:, axes], passed[usual][:, axes]
-        left = roughness.left_over(epochs.time[usual], mine, *drawn)
-        out[list(axes)] = max(left, np.sqrt(max(more, 0.0)))
-    return out
-
-
-def _passed(epochs: regimes.Epochs, model: regimes.Model) -> tuple[np.ndarray, np.ndarray]:
-    """White noise of the epochs (n, 3), m, drawn as signs, and what the smoother makes of it."""
-    axes = enumerate(model.axes)
-    white = np.sqrt([regimes.rows(epochs, axis, noise).variance for axis, noise in axes]).T
-    half = np.random.default_rng(0).choice([-1.0, 1.0], white.shape)[: (len(white) + 1) // 2]
-    # The same for a track that is turned round.
-    noise = white * np.concatenate([half[: len(white) // 2], half[::-1]])
+    every = enumerate(model.axes)
+    white = np.sqrt([regimes.rows(epochs, axis, noise).variance for axis, noise in every]).T
+    half = np.random.default_rng(0).choice([-1.0, 1.0], ((n + 1) // 2, 3))
+    noise = white * np.concatenate([half[: n // 2], half[::-1]])
     still = None if epochs.velocity is None else 0 * epochs.velocity
-    alone = epochs._replace(position=noise, velocity=still)
-    return noise, smoother.smooth(alone, epochs.time, model)[0]
+    drawn = epochs._replace(position=noise, velocity=still)
+    passed = smoother.smooth(drawn, epochs.time, model)[0]
+    for _, axes in regimes.GROUPS:
+        mine = (part[usual][:, axes] for part in (residual, noise, passed))
+        out[list(axes)] = roughness.left_over(epochs.time[usual], *mine)
+    return out
 
 
 def _between_epochs(time: np.ndarray, at: np.ndarray) -> np.ndarray:

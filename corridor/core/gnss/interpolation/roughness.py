@@ -24,14 +24,10 @@ _SMOOTHEST, _APART = 3.0, 0.05
 # So many second differences are needed; and steps that are alike within this share.
 _FEWEST, _ALIKE = 20, 0.05
 # Lags, s, at which motion of a drone no longer hangs together, and slow noise does; lags, epochs,
-# of motion; how many sigmas it has to be above none (chance is, once in twenty times); frequencies,
-# radians an epoch, at which it may have ended.
-_FAR_S, _NEAR, _SURE, _UPPER_HALF = (
-    (2.0, 3.0, 4.0),
-    range(1, 7),
-    2.0,
-    np.pi * np.linspace(0.5, 1, 13),
-)
+# of motion; how many sigmas it is above none: by chance the largest of all lags and frequencies
+# is once in seven times, which costs less than motion missed. Frequencies where it may have ended.
+_FAR_S, _NEAR, _SURE = (2.0, 3.0, 4.0), range(1, 7), 2.0
+_UPPER_HALF = np.pi * np.linspace(0.5, 1, 13)
 # Twice the standard deviation of a robust variance of n numbers that hang together by threes.
 CHANCE = 2 * np.sqrt(2 * 3 / 0.37)
 
@@ -75,8 +71,9 @@ def left_over(
     passed (n, k) m: what the same smoother makes of it. 0 where residuals show nothing.
     Residuals are white noise and motion that are not passed, and slow noise, which hangs together
     over seconds. Of that motion the covariances from epoch to epoch are what those of residuals
-    are above those of noise (by draws: Hutchinson 1990), and the variance the least that leaves its
-    spectrum no negative part, so that the rest is as much white noise as can be (Pisarenko 1973).
+    are above those of noise, and the variance is the least that leaves its spectrum no negative
+    part, so that the rest is as much white noise as can be.
+    Source: Pisarenko 1973 (white noise of a covariance function); Hutchinson 1990 (by draws).
     """
     interval = float(np.median(np.diff(time)))
     far = [max(round(lag / interval), _NEAR[-1] + 1) for lag in _FAR_S]
@@ -89,9 +86,8 @@ def left_over(
     own, with_noise, alone = (
         np.array([_product(time, *pair, lag, interval) for lag in (*_NEAR, *far)]) for pair in pairs
     )
-    lags = slice(len(_NEAR))
     slow = max(float((own + with_noise)[len(_NEAR) :].mean()), 0.0)
-    motion = (own + 2 * with_noise - alone)[lags] - slow
+    motion = (own + 2 * with_noise - alone)[: len(_NEAR)] - slow
     held = float(np.mean(passed * (noise - passed)))
     # Epochs on a line leave no residuals: 1 nm at least.
     one_sigma = max(float(np.mean(residual**2)), 1e-18) / np.sqrt(residual.size)
