@@ -10,6 +10,7 @@ import pytest
 from corridor.core.errors import InputError, WorkFailed
 from corridor.core.gnss import Exposures, Track, antenna, interpolate, read_exposures
 from corridor.core.gnss.formats.dji_mrk import status
+from corridor.core.gnss.interpolation.roughness import left_over
 
 XYZ, SXYZ = ["x", "y", "z"], ["sx", "sy", "sz"]
 SIGMA = np.array([0.008, 0.008, 0.015])
@@ -317,6 +318,32 @@ class TestEpochs:
         one, other = interpolate(track, at).table, interpolate(back, -at).table
         for columns in (XYZ, SXYZ):
             assert other[columns].to_numpy() == pytest.approx(one[columns].to_numpy(), abs=1e-7)
+
+
+class TestMotionInResiduals:
+    """Epochs at 5 Hz whose smoother passes nothing: residuals are noise and motion themselves."""
+
+    TIME = np.arange(600) * 0.2
+
+    def found(self, seed, highest_hz, motion):
+        rng = np.random.default_rng(seed)
+        spectrum = np.fft.rfft(rng.standard_normal(len(self.TIME)))
+        spectrum[np.fft.rfftfreq(len(self.TIME), 0.2) > highest_hz] = 0
+        shaken = np.fft.irfft(spectrum, len(self.TIME))
+        noise = 0.04 * rng.choice([-1.0, 1.0], (len(self.TIME), 1))
+        residual = 0.04 * rng.standard_normal((len(self.TIME), 1))
+        residual[:, 0] += motion * shaken / shaken.std()
+        return left_over(self.TIME, residual, noise, 0 * noise)
+
+    @pytest.mark.parametrize("highest_hz", [1.0, 2.0])
+    def test_its_size_is_found_up_to_near_half_the_rate(self, highest_hz):
+        """No more than there is: the least that the covariances allow, of six lags at most."""
+        sizes = [self.found(seed, highest_hz, 0.05) for seed in range(20)]
+        assert 0.03 < np.mean(sizes) < 0.052 and min(sizes) > 0.02
+
+    def test_noise_alone_shows_none_six_times_in_seven(self):
+        shown = np.mean([self.found(seed, 1.0, 0.0) > 0 for seed in range(100)])
+        assert shown < 1 / 7 + 3 * np.sqrt(6 / 49 / 100)
 
 
 class TestFiles:

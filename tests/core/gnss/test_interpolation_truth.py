@@ -100,7 +100,9 @@ class TestSlowNoise:
     def test_taken_for_white_it_makes_the_sigma_a_lie(self):
         told = (("slow_share", 0.0),)
         _, ratio, _ = errors("smoother", seeds=SEEDS[:1], interval=0.2, slow=0.9, told=told)
-        assert scatter(ratio) > 1.4
+        # 0.9 of the variance slow: sqrt(0.9) of the sigma of one epoch, in place of what is left of
+        # it by smoothing; the part that hangs together like motion is in the sigma.
+        assert scatter(ratio) > 1.2
 
     def test_at_1_hz_the_sigma_holds_with_what_is_known(self):
         _, ratio, _ = errors("smoother", slow=0.9, told=(("slow_share", 0.9),))

@@ -415,20 +415,21 @@ def _shaken(epochs: regimes.Epochs, sigma: np.ndarray, model: regimes.Model) -> 
 
 
 def _left_over(epochs: regimes.Epochs, residual: np.ndarray, model: regimes.Model) -> np.ndarray:
-    """Standard deviation (3,), m, of motion in the residuals (n, 3) of usual epochs: as they hang
-    together, or are larger than the noise of a receiver that is believed."""
-    out, usual = np.zeros(3), (epochs.excess == 0).all(axis=1)
+    """Standard deviation (3,), m, of motion in the residuals (n, 3) of usual epochs, by what the
+    smoother makes of white noise that is drawn as signs, alike for a track that is turned round."""
+    out, usual, n = np.zeros(3), (epochs.excess == 0).all(axis=1), len(residual)
+    if usual.sum() < regimes.FEWEST_EPOCHS:
+        return out
+    every = enumerate(model.axes)
+    white = np.sqrt([regimes.rows(epochs, axis, noise).variance for axis, noise in every]).T
+    half = np.random.default_rng(0).choice([-1.0, 1.0], ((n + 1) // 2, 3))
+    noise = white * np.concatenate([half[: n // 2], half[::-1]])
+    still = None if epochs.velocity is None else 0 * epochs.velocity
+    drawn = epochs._replace(position=noise, velocity=still)
+    passed = smoother.smooth(drawn, epochs.time, model)[0]
     for _, axes in regimes.GROUPS:
-        if usual.sum() < regimes.FEWEST_EPOCHS:
-            continue
-        mine = residual[usual][:, axes]
-        noise = model.axes[axes[0]].scale * np.median(epochs.usual[:, axes])
-        more = float(robust_scale(mine)) ** 2 - noise**2 * (
-            1 + roughness.CHANCE / np.sqrt(mine.size)
-        )
-        more = more if model.interval_s < regimes.SLOW_S else 0.0
-        left = roughness.left_over(epochs.time[usual], mine)
-        out[list(axes)] = max(left, np.sqrt(max(more, 0.0)))
+        mine = (part[usual][:, axes] for part in (residual, noise, passed))
+        out[list(axes)] = roughness.left_over(epochs.time[usual], *mine)
     return out
 
 
@@ -450,7 +451,8 @@ def _smoothed(epochs, at, count, slow_share):
     some = slice(max((n - _CURVE) // 2, 0), (n + _CURVE) // 2)
     smoothed = smoother.smooth(epochs, np.concatenate([at, epochs.time[some]]), model)
     residual = epochs.position[some] - smoothed[0][len(at) :]
-    left = _left_over(epochs.at(some), residual, model)
+    of_some = model._replace(gusts=model.gusts[some], jerks=model.jerks[some])
+    left = _left_over(epochs.at(some), residual, of_some)
     position, sigma, velocity, v_sigma = (part[: len(at)] for part in smoothed)
     if left.any():
         sigma = np.hypot(sigma, left)

@@ -24,7 +24,7 @@ _COARSE = np.concatenate([[1e-6], 10.0 ** np.arange(-4.0, 3.1, 1.0)])
 # A drone brakes and turns in plan; its tilt brings about half of that into the height.
 _OF_AXIS = (1.0, 1.0, 10.0**-0.5)
 _DWELL_S = 5.0
-_GUSTS_BESIDE = 4
+_GUSTS_BESIDE, _FINER = 4, 16
 _GUST = np.concatenate([[0.0], 10.0 ** np.arange(-5.0, 1.1, 0.5)])
 # Of multipath and atmosphere over a short base line: half a minute to some minutes.
 CORRELATION_S = 60.0
@@ -207,9 +207,10 @@ def fit(epochs: Epochs, share: float | None) -> Model:
     found = search.run()
     # Plan and height scatter by factors that differ by more than a step of their grid.
     step = np.log2(_INFLATED[1]) * 1.01
-    if epochs.stated and interval < SLOW_S and abs(np.log2(found[0].scale / found[1].scale)) > step:
+    scales = [noise.scale for noise in found]
+    if epochs.stated and interval < SLOW_S and abs(np.log2(scales[0] / scales[1])) > step:
         # A receiver is wrong about all axes alike; at this rate it is the drone that is shaken.
-        found = search.run(scaled=False)
+        found = search.run(scale=min(scales))
     axes = tuple(found[group] for group, (_, of) in enumerate(GROUPS) for _ in of)
     start = np.zeros(n, dtype=np.bool_)
     start[0] = True
@@ -313,11 +314,11 @@ class _Search:
         self.step[self.start] = np.inf
         self.known: dict[tuple, np.ndarray] = {}
 
-    def run(self, scaled: bool = True) -> list[Axis]:
-        """What is found; not `scaled`: of stated sigmas as they are."""
-        if not scaled:
+    def run(self, scale: float | None = None) -> list[Axis]:
+        """What is found; with this scale of the stated sigmas, if one is given."""
+        if scale is not None:
             self.free.remove("scale")
-            self.now = [now._replace(scale=1.0) for now in self.now]
+            self.now = [now._replace(scale=scale) for now in self.now]
         for _ in range(2):
             before = list(self.now)
             for group in range(len(GROUPS)):
@@ -369,17 +370,26 @@ class _Search:
     def _refine(self, group: int) -> None:
         """The mean gust density over what the likelihood allows, all being equally likely before.
 
-        The likeliest one may be none at all, where gusts are as small as the noise.
+        The likeliest one may be none at all, where gusts are as small as the noise. A long track
+        knows it better than the steps of the grid: between them the logarithm is a parabola.
         """
         k = int(np.argmin(np.abs(_GUST - self.now[group].gust)))
-        near = _GUST[max(k - _GUSTS_BESIDE, 0) : k + _GUSTS_BESIDE + 1]
-        logs = [self._total(group, self.now[group]._replace(gust=float(gust))) for gust in near]
-        self.now[group] = self.now[group]._replace(gust=_mean_of(logs, near))
+        near = slice(max(k - _GUSTS_BESIDE, 0), k + _GUSTS_BESIDE + 1)
+        gusts = _GUST[near]
+        log = np.array([self._total(group, self.now[group]._replace(gust=g)) for g in gusts])
+        fine = np.linspace(0, len(log) - 1, _FINER * (len(log) - 1) + 1)
+        at = np.clip(np.round(fine).astype(int), 1, len(log) - 2)
+        off, slope, bend = fine - at, log[at + 1] - log[at - 1], np.diff(log, 2)[at - 1]
+        # None at all stands a step below the smallest.
+        known = np.log(np.maximum(gusts, _GUST[1] ** 2 / _GUST[2]))
+        values = np.exp(np.interp(fine, np.arange(len(log)), known))
+        gust = _mean_of(log[at] + off * slope / 2 + off**2 * bend / 2, values)
+        self.now[group] = self.now[group]._replace(gust=gust)
 
 
-def _mean_of(logs: list[float], values: np.ndarray) -> float:
+def _mean_of(logs: list[float] | np.ndarray, values: np.ndarray) -> float:
     """Mean of values with these log-likelihoods."""
-    likely = np.exp(np.array(logs) - max(logs))
+    likely = np.exp(np.array(logs) - np.max(logs))
     return float(likely @ values / likely.sum())
 
 

@@ -10,7 +10,7 @@ variances of what has weights that no straight line passes).
 
 import numpy as np
 
-from corridor.core.geometry import robust_scale
+from corridor.core.geometry import OUTLIER, robust_scale
 
 # Weights by which the middle is interpolated, of epochs at these steps from it: linear, cubic.
 _BETWEEN = (
@@ -23,9 +23,11 @@ _OF_NOISE = 6.0
 _SMOOTHEST, _APART = 3.0, 0.05
 # So many second differences are needed; and steps that are alike within this share.
 _FEWEST, _ALIKE = 20, 0.05
-# Lags, s, at which motion of a drone no longer hangs together, and slow noise does; how many sigmas
-# a covariance has to be above none.
-_FAR_S, _SURE = (2.0, 3.0, 4.0), 3.0
+# Lags, s, at which motion of a drone no longer hangs together, and slow noise does; lags, epochs,
+# of motion; how many sigmas it is above none: by chance the largest of all lags and frequencies
+# is once in seven times, which costs less than motion missed. Frequencies where it may have ended.
+_FAR_S, _NEAR, _SURE = (2.0, 3.0, 4.0), range(1, 7), 2.0
+_UPPER_HALF = np.pi * np.linspace(0.5, 1, 13)
 # Twice the standard deviation of a robust variance of n numbers that hang together by threes.
 CHANCE = 2 * np.sqrt(2 * 3 / 0.37)
 
@@ -60,32 +62,54 @@ def between(time: np.ndarray, position: np.ndarray, sigma: float) -> float:
     )
 
 
-def left_over(time: np.ndarray, residual: np.ndarray) -> float:
-    """Standard deviation, m, of motion that a smoother took for noise, as its residuals hang
-    together from epoch to epoch: noise does not, and slow noise does over seconds, too.
+def left_over(
+    time: np.ndarray, residual: np.ndarray, noise: np.ndarray, passed: np.ndarray
+) -> float:
+    """Standard deviation, m, of motion that a smoother took for noise, beyond that in its sigmas.
 
-    time (n,) s; residual (n, k) m, of axes alike. 0 where they show nothing.
+    time (n,) s; residual (n, k) m, of axes alike; noise (n, k) m: white noise of the epochs, drawn;
+    passed (n, k) m: what the same smoother makes of it. 0 where residuals show nothing.
+    Residuals are white noise and motion that are not passed, and slow noise, which hangs together
+    over seconds. Of that motion the covariances from epoch to epoch are what those of residuals
+    are above those of noise, and the variance is the least that leaves its spectrum no negative
+    part, so that the rest is as much white noise as can be.
+    Source: Pisarenko 1973 (white noise of a covariance function); Hutchinson 1990 (by draws).
     """
     interval = float(np.median(np.diff(time)))
-    far = [max(round(lag / interval), 3) for lag in _FAR_S]
+    far = [max(round(lag / interval), _NEAR[-1] + 1) for lag in _FAR_S]
     if len(time) < 3 * far[-1]:
         return 0.0
-    one, two, *others = (_covariance(time, residual, lag, interval) for lag in (1, 2, *far))
-    variance = float(robust_scale(residual)) ** 2
-    near = one - max(float(np.mean(others)), 0.0)
-    if near < _SURE * variance / np.sqrt(residual.size):
-        return 0.0
-    # A parabola through the covariances at two lags, at none.
-    return float(np.sqrt(near + max(one - two, 0.0) / 3))
+    most = OUTLIER * robust_scale(residual)
+    residual = np.clip(residual, -most, most)
+    # Of residuals, of noise with what is passed, of what is passed.
+    pairs = (residual, residual), (noise, passed), (passed, passed)
+    own, with_noise, alone = (
+        np.array([_product(time, *pair, lag, interval) for lag in (*_NEAR, *far)]) for pair in pairs
+    )
+    slow = max(float((own + with_noise)[len(_NEAR) :].mean()), 0.0)
+    motion = (own + 2 * with_noise - alone)[: len(_NEAR)] - slow
+    held = float(np.mean(passed * (noise - passed)))
+    # Epochs on a line leave no residuals: 1 nm at least.
+    one_sigma = max(float(np.mean(residual**2)), 1e-18) / np.sqrt(residual.size)
+    best, found = _SURE, 0.0
+    for many in _NEAR:
+        # Weights of Bartlett 1950: what is cut off makes no part of a spectrum negative.
+        lag = np.arange(1, many + 1)
+        waves = 2 * np.cos(np.outer(_UPPER_HALF, lag)) * (1 - lag / (many + 1))
+        more = -waves @ motion[:many] - held
+        sure = more / (one_sigma * np.linalg.norm(waves, axis=1))
+        if sure.max() > best:
+            best, found = float(sure.max()), float(more[np.argmax(sure)])
+    return float(np.sqrt(found))
 
 
-def _covariance(time, residual, lag, interval) -> float:
-    """Robust covariance of residuals so many epochs apart."""
+def _product(time, one, other, lag, interval) -> float:
+    """Mean product of two series so many epochs apart, one before the other and after it alike."""
     even = np.abs(time[lag:] - time[:-lag] - lag * interval) < _ALIKE * interval
-    early, late = residual[:-lag][even], residual[lag:][even]
-    if len(early) < _FEWEST:
+    if even.sum() < _FEWEST:
         return 0.0
-    return float(robust_scale(late + early) ** 2 - robust_scale(late - early) ** 2) / 4
+    products = one[:-lag][even] * other[lag:][even] + one[lag:][even] * other[:-lag][even]
+    return float(products.mean()) / 2
 
 
 def _second_differences(time, position, interval, lag):
