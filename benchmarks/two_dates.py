@@ -608,18 +608,24 @@ _PLACE = re.compile(r"station (-?\d+) m, (?:(\d+) m to the (left|right)|on its a
 
 
 def true_words(said: str, found, world: World, motion: Motion) -> dict:
-    """Whether place (10 m), sign and size (2 sigmas) in a sentence are those of the motion."""
+    """Whether place (10 m), sign and size (2 sigmas) in a sentence are those of the motion; the
+    size of a patch too, where it says one beside a point."""
     size, place = _SIZE.search(said), _PLACE.search(said)
     if not (said.startswith(("The ground moved: ", "The surface moved: ")) and size and place):
         return {"place": False, "sign": False, "size": False}
     point = re.search(r"moved: point (\w+)", said)
+    # What a surface shows of a motion, by its height at a place that stays.
+    cores = found.surface.cores
+    seen = np.sum(cores.normal * motion(cores.xyz), axis=1)
+    patches = found.final.patches
+    one = max(patches, key=lambda p: abs(p.change / p.sigma)) if patches else None
+    held = one is None or abs(one.change - one.weight @ seen) < 2.0 * one.sigma + 5e-4
     if point:
         xyz = world.marks[point[1]][None]
         true = motion(xyz)[0]
     else:
-        one = max(found.final.patches, key=lambda p: abs(p.change / p.sigma))
         xyz = np.array([[*(START + [motion.station, 0.0]), 0.0]])
-        true = one.weight @ motion(found.surface.cores.xyz)
+        true = np.array([0.0, 0.0, one.weight @ seen])
     stated = float(place[1]), float(place[2] or 0.0) * (-1.0 if place[3] == "right" else 1.0)
     away = np.hypot(*(found.surface.cores.along(xyz)[:, 0] - stated))
     value, sigma = 1e-3 * float(size[2]), 1e-3 * float(size[3])
@@ -633,7 +639,7 @@ def true_words(said: str, found, world: World, motion: Motion) -> dict:
     return {
         "place": bool(moves and away < 10.0),
         "sign": bool(moves and sign),
-        "size": bool(abs(value - truth) < 2.0 * sigma + 5e-4),
+        "size": bool(held and abs(value - truth) < 2.0 * sigma + 5e-4),
     }
 
 

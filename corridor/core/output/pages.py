@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from corridor.core.output.table import WIDTH, Table, with_commands
 
 _STYLE = """
-.corridor-report {font: 13px/1.45 system-ui, -apple-system, "Segoe UI", sans-serif;
-  max-width: 60em}
+.corridor-report {font: 13px/1.45 system-ui, -apple-system, "Segoe UI", sans-serif; max-width: 60em}
 .corridor-report p {margin: .4em 0; max-width: 46em}
 .corridor-report p.warning {border-left: 3px solid #ddaa33; padding: .1em 0 .1em .7em}
 .corridor-report table {border-collapse: collapse; margin: 1.1em 0 .2em; font-size: inherit;
@@ -33,12 +32,13 @@ h1 {font-size: 1.35em; font-weight: 600; margin: 0 0 .6em}
 figure {margin: 1.6em 0}
 figure img {max-width: 100%; height: auto; display: block}
 figcaption {color: #555; font-size: .9em; max-width: 46em}
-.corridor-report {font-size: 14px; max-width: none; overflow-x: auto}
 .corridor-report > p:first-of-type {font-size: 1.12em}
 .corridor-report td {vertical-align: top}
-body .corridor-report {max-width: none}
+body .corridor-report {max-width: none; overflow-x: auto}
 .corridor-report td.text {white-space: normal; min-width: 10em; overflow-wrap: anywhere}
 body .corridor-report code {white-space: normal; overflow-wrap: anywhere}
+@media (max-width: 30em) {body .corridor-report :is(th, td) {font-size: 12px; padding-right: .5em}
+  body .corridor-report caption {white-space: normal}}
 @media print {body {margin: 0; max-width: none} figure, table {break-inside: avoid}}
 """.strip()
 

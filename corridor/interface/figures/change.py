@@ -42,9 +42,8 @@ def change_maps(surface) -> Figure:
     """Maps of the change, of its level of detection and of what is significant."""
     z = np.clip(surface.distance / surface.total, -6, 6)
     name = "what is significant, in its standard deviations"
-    significant = _Panel(name, z, _BOTH, 6.0, "sigmas", surface.moved)
-    panels = [_change(surface), _detection(surface), significant]
-    return _maps(surface, "change of the surface", panels)
+    sure = _Panel(name, z, _BOTH, 6.0, "sigmas", surface.moved)
+    return _maps(surface, "change of the surface", [_change(surface), _detection(surface), sure])
 
 
 def change_map(surface) -> Figure:
@@ -100,7 +99,7 @@ def _maps(surface, title: str, panels: list[_Panel]) -> Figure:
     step = height + 0.75
     note = f"{len(surface):,} core points, cylinders of {surface.cores.radius:.1f} m radius"
     if any(panel.colours is _BOTH for panel in panels):
-        note += " \u00b7 yellow and hatched: lower; blue: higher"
+        note += " \u00b7 yellow: lower, hatched from one standard deviation on; blue: higher"
     figure = style.sheet(1.0 + len(panels) * step, title, note)
     for row, panel in enumerate(panels):
         top = 1.05 + row * step
@@ -116,7 +115,8 @@ def _maps(surface, title: str, panels: list[_Panel]) -> Figure:
         )  # fmt: skip
         axes.add_collection(image)
         if panel.colours is _BOTH:
-            style.hatch_below(axes, cells[some], panel.value[some])
+            sure = np.where(np.abs(surface.distance) > surface.total, panel.value, 0.0)[some]
+            style.hatch_below(axes, cells[some], sure)  # Of others nobody knows the sign.
         style.caption(axes, panel.name)
         if row < len(panels) - 1:
             axes.set_xlabel("")

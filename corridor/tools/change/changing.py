@@ -353,7 +353,7 @@ class _Run:
         while True:
             patches, gone = [], []
             for one in evidence.patches(0.5 * level):
-                rows, weight = evidence.cores_of(one)
+                rows, disc, weight = evidence.cores_of(one)
                 patch = PatchChange.of(surface, rows, one.probability)
                 # Where its mean does not show it, what it did against its surroundings has to.
                 shown = two_sided(patch.change / patch.sigma) < level
@@ -361,8 +361,11 @@ class _Run:
                     patch = PatchChange.of(surface, rows, one.probability, weight)
                 why, rows = _no_ground(compared.joint, surface, patch, **self.asked.surfaces)
                 if why is None:
-                    # What is said of a patch is its mean, which has to show it too.
-                    patches += [patch] * bool(two_sided(patch.change / patch.sigma) < level)
+                    # What is said of a patch is the mean of its disc, which has to show it too.
+                    if not patch.local:
+                        patch = PatchChange.of(surface, disc, one.probability)
+                    shown = two_sided(patch.change / patch.sigma) < level
+                    patches += [patch.chosen(one.wider)] * bool(shown)
                     continue
                 apart.append(patch_apart(patch, why))
                 gone.append(np.unique(evidence.cells[:, rows].nonzero()[0]))
@@ -405,7 +408,8 @@ def _no_ground(
     # Nearer to no motion than to that of the mean; a hole makes the lower date the rougher one.
     few = moved / patch.change < 0.5 and rough[higher] > rough[1 - higher]
     # What is lifted as one is another layer than what is not; less than that is a mixture.
-    few |= patch.change**2 < APART**2 * scatter_added(clouds, cores, degree, higher)
+    along = patch.change * cores.normal[:, 2].mean()
+    few |= along**2 < APART**2 * scatter_added(clouds, cores, degree, higher)
     return (patch_some(moved, _DATES[higher], cores.radius) if few else None), patch.rows
 
 

@@ -24,6 +24,7 @@ from corridor.tools.change.signature import Signatures
 from corridor.tools.change.significance import (
     Patch,
     Test,
+    discs_in,
     normal_scores,
     patches,
     patches_beside,
@@ -100,7 +101,8 @@ class Evidence:
         z = normal_scores(value[at] / sigma, self.freedom[at])
         alike = covariance / sigma[:, None] / sigma
         noise = np.diag(self.covariance)[at]
-        shifted = patches(z, alike, self.near, 0.5 * level)
+        whole = self.value[at], self.covariance[np.ix_(at, at)]
+        shifted = discs_in(patches(z, alike, self.near, 0.5 * level), *whole, self.places[at])
         beside = patches_beside(z * sigma, covariance, noise, self.places[at], 0.5 * level)
         taken = [cell for one in shifted for cell in one.cells]
         # Beside a bowl a whole date that is shifted is raised too: half of the most is its rim.
@@ -128,10 +130,11 @@ class Evidence:
             near=None if self.near is None else self.near[np.ix_(~gone, ~gone)],
         )
 
-    def cores_of(self, patch: Patch) -> tuple[np.ndarray, np.ndarray | None]:
-        """Numbers of the core points of a patch, and its weights of all core points."""
+    def cores_of(self, patch: Patch) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+        """Numbers of the core points of a patch and of its disc, and its weights of all of them."""
         weight = None if patch.weight is None else patch.weight @ self.cells
-        return np.unique(self.cells[patch.cells].indices), weight
+        rows, disc = (np.unique(self.cells[some].indices) for some in (patch.cells, patch.disc))
+        return rows, disc, weight
 
     def judged(self, points: PointChanges | None, level: float) -> PointChanges | None:
         """Points that moved beside every effect told from those that an effect could have moved."""

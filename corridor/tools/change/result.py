@@ -54,7 +54,7 @@ class Compared:
         if not self.patches or points is None or points.moved.any():
             return None
         ways = {np.sign(one.change) for one in self.patches}
-        rows = np.concatenate([one.rows for one in self.patches])
+        rows = np.unique(np.concatenate([one.rows for one in self.patches]))
         # Control that fits both dates stands still too.
         inside = cKDTree(surface.cores.xyz[rows, :2]).query(points.xyz[:, :2])[0]
         inside = inside < surface.cores.radius
@@ -84,6 +84,7 @@ class Compared:
         more = abs(whole.change - there.change) / np.hypot(whole.sigma, there.sigma)
         if inside.all() and more > FAR_APART:
             return None
+        whole = whole.chosen(max(one.wider for one in self.patches))
         return Cover(whole, int(inside.sum()), still, sigma)
 
 

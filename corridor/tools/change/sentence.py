@@ -105,7 +105,7 @@ def _moved(found) -> str:
         )
         alone = (
             f"The surface moved: a {what} No marked point says whether it is the ground, or what "
-            "stands, grows or flows on it."
+            "lies, stands, grows or flows on it."
         )
         said.append(f"A {what}" if said else alone)
     return " ".join(said)

@@ -120,12 +120,15 @@ def tested(
 class Patch:
     """Neighbouring cells that moved one way. cells: their numbers; z: of their sum, in its standard
     deviations; probability: of a patch as significant anywhere, were nothing moved. weight (k,):
-    of all cells, where the change is one against those around; None: the mean of its cells."""
+    of all cells, where the change is one against those around; None: the mean of its cells.
+    disc: cells whose mean says how much; wider: see `discs_in`."""
 
     cells: np.ndarray
     z: float
     probability: float
     weight: np.ndarray | None = None
+    disc: np.ndarray | None = None
+    wider: float = 1.0
 
 
 def patches(z: np.ndarray, correlation: np.ndarray, near: np.ndarray, level: float) -> list[Patch]:
@@ -159,8 +162,7 @@ def patches_beside(
     value (k,), covariance (k, k): of cells at places (k, 2). Camera and datum bend all of a date at
     once, so that the cells farther off than two radii predict what they do to a disc; noise (k,):
     variances of each cell beside that, so that no difference of neighbours is trusted to its last
-    digit. Maps of nothing with the covariance say what comes by chance. The piece is what lies
-    farther from what is predicted than half of the disc does.
+    digit. Maps of nothing with the covariance say what comes by chance.
     Source: Kulldorff 1997 (scan statistic), Wackernagel 2003 (simple kriging).
     """
     rest, out = np.arange(len(value)), []
@@ -172,7 +174,8 @@ def patches_beside(
         patch, near = found
         weight = np.zeros(len(value))
         weight[rest] = patch.weight
-        out.append(replace(patch, cells=rest[patch.cells], weight=weight))
+        cells = rest[patch.cells]
+        out.append(replace(patch, cells=cells, disc=cells, weight=weight))
         # What moved predicts others wrongly, which stand still.
         rest = np.delete(rest, near)
 
@@ -181,42 +184,82 @@ def _beside(
     value: np.ndarray, covariance: np.ndarray, noise: np.ndarray, places: np.ndarray, level: float
 ) -> tuple[Patch, np.ndarray] | None:
     """The most significant piece of `patches_beside`, and the cells in and near its disc."""
-    discs = list(_discs(places))
+    discs = [(disc, near) for _, disc, near in _discs(places) if len(disc) > 1]
+    discs = [(disc, near) for disc, near in discs if 2 * len(near) < len(places)]
     if not discs:
         return None
     blunt = np.linalg.inv(covariance + np.diag(noise))
-    weight, left = np.empty((len(discs), len(value))), []
+    weight = np.empty((len(discs), len(value)))
     for k, (disc, near) in enumerate(discs):
         # What is left of the cells nearby once those beyond have predicted them.
-        left.append(np.linalg.solve(blunt[np.ix_(near, near)], blunt[near]))
-        weight[k] = left[-1][np.isin(near, disc)].mean(axis=0)
-    known, vector = np.linalg.eigh(covariance)
-    along = weight @ (vector * np.sqrt(np.maximum(known, 0.0)))
-    sigma = np.maximum(np.linalg.norm(along, axis=1), np.finfo(float).tiny)
-    z = weight @ value / sigma
+        left = np.linalg.solve(blunt[np.ix_(near, near)], blunt[near])
+        weight[k] = left[np.isin(near, disc)].mean(axis=0)
+    z, largest = _of_maps(weight, value, covariance)
     best = int(np.argmax(np.abs(z)))
-    draws = np.random.default_rng(0).normal(size=(len(value), MAPS))
-    largest = np.abs(along / sigma[:, None] @ draws).max(axis=0)
     more = float(np.mean(largest >= abs(z[best])))
     if more >= level:
         return None
-    near, beyond = discs[best][1], left[best] @ value / (weight[best] @ value) > 0.5
-    own = left[best][beyond].mean(axis=0)
-    return Patch(near[beyond], float(z[best]), max(more, 1.0 / MAPS), own), near
+    disc, near = discs[best]
+    wider = _wider(largest)
+    return Patch(disc, float(z[best]), max(more, 1.0 / MAPS), weight[best], wider=wider), near
 
 
-def _discs(places: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Numbers of the places (k, 2) in discs of several sizes around each of them, and of those
-    nearer than two radii: less than half."""
+def discs_in(
+    some: list[Patch], value: np.ndarray, covariance: np.ndarray, places: np.ndarray
+) -> list[Patch]:
+    """The same patches, each with the disc around one of its cells whose mean is the surest.
+
+    value (k,), covariance (k, k): of all cells, at places (k, 2). Cells that were chosen because
+    they lie beyond a limit err outwards, and so does their mean, far beyond its sigma. Discs are
+    few, and alike. wider: what a standard deviation is multiplied by so that two of them hold for
+    all discs of the map at once (95 %), and so for the one that the data choose.
+    Source: Berk et al. 2013 (valid post-selection inference).
+    """
+    if not some:
+        return []
+    middle, discs, _ = zip(*_discs(places), strict=True)
+    weight = np.zeros((len(discs), len(value)))
+    for row, disc in zip(weight, discs, strict=True):
+        row[disc] = 1.0 / len(disc)
+    z, largest = _of_maps(weight, value, covariance)
+    wider, out = _wider(largest), []
+    for one in some:
+        mine = np.isin(middle, one.cells)
+        best = int(np.argmax(np.where(mine, np.sign(one.z) * z, -np.inf)))
+        out.append(replace(one, disc=discs[best], wider=wider))
+    return out
+
+
+def _of_maps(
+    weight: np.ndarray, value: np.ndarray, covariance: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Sums (s,) of a map in their standard deviations, and the largest (`MAPS`,) of each map of
+    nothing."""
+    known, vector = np.linalg.eigh(covariance)
+    along = weight @ (vector * np.sqrt(np.maximum(known, 0.0)))
+    sigma = np.maximum(np.linalg.norm(along, axis=1), np.finfo(float).tiny)
+    draws = np.random.default_rng(0).normal(size=(len(value), MAPS))
+    return weight @ value / sigma, np.abs(along / sigma[:, None] @ draws).max(axis=0)
+
+
+def _wider(largest: np.ndarray) -> float:
+    """The 95 % of the largest of all against those of one."""
+    return max(float(np.quantile(largest, 0.95) / norm.ppf(0.975)), 1.0)
+
+
+def _discs(places: np.ndarray) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """Each of the places (k, 2), numbers of those in a disc around it, and of those nearer than two
+    radii: itself alone, and discs of several sizes up to half of the extent across."""
     away = np.linalg.norm(places[:, None] - places, axis=2)
     nearest = np.partition(away, 1, axis=1)[:, 1] if len(places) > 1 else np.zeros(1)
     radius, last = 1.1 * float(np.median(nearest)), 0.25 * float(away.max(initial=0.0))
+    sizes = [0.0]
     while 0.0 < radius <= last:
-        for distance in away:
-            disc, near = (np.flatnonzero(distance <= r) for r in (radius, 2.0 * radius))
-            if len(disc) > 1 and 2 * len(near) < len(places):
-                yield disc, near
+        sizes.append(radius)
         radius *= np.sqrt(2.0)
+    for radius in sizes:
+        for middle, distance in enumerate(away):
+            yield middle, *(np.flatnonzero(distance <= r) for r in (radius, 2.0 * radius))
 
 
 def _clusters(maps, correlation, near) -> Iterator[tuple[int, np.ndarray, float]]:

@@ -240,11 +240,13 @@ def _both(clouds: tuple[Cloud, Cloud], cores: Cores, degree: int, sampled: bool)
 @brief
 @dataclass(frozen=True)
 class PatchChange:
-    """A patch of the surface that moved one way: mean change and its standard deviation, m.
+    """A patch of the surface that moved one way: mean change of its height at places that stay,
+    and its standard deviation, m.
 
     rows: its core points. station, across: where it moved most, m. area: m^2. probability: of one
     as significant anywhere on the surface, were nothing moved. weight (k,): of all core points in
-    the change. local: whether it is one against the surface around.
+    the change. local: whether it is one against the surface around. wider: how much larger the
+    standard deviation is than of an area that nothing chose, see `significance.discs_in`.
     """
 
     rows: np.ndarray
@@ -256,6 +258,7 @@ class PatchChange:
     probability: float
     weight: np.ndarray
     local: bool = False
+    wider: float = 1.0
 
     @classmethod
     def of(
@@ -270,6 +273,8 @@ class PatchChange:
         if not local:
             weight = np.zeros(len(surface))
             weight[rows] = 1.0 / len(rows)
+        # Along a slope a surface that sinks comes nearer by less than it sinks.
+        weight = weight / surface.cores.normal[:, 2]
         # What moved most says where.
         most = np.ones(len(rows)) if local else surface.distance[rows] ** 2
         most = most / most.sum()
@@ -284,6 +289,10 @@ class PatchChange:
             weight=weight,
             local=local,
         )
+
+    def chosen(self, wider: float) -> PatchChange:
+        """The same with a standard deviation so much larger, as the data chose the area."""
+        return replace(self, sigma=wider * self.sigma, wider=wider)
 
 
 @brief

@@ -9,11 +9,11 @@ import corridor
 from benchmarks import two_dates
 from corridor.core.effects import candidates
 from corridor.core.errors import InputError
-from corridor.tools.change import Signatures
+from corridor.tools.change import Signatures, significance
 from corridor.tools.change.admission import Coordinates, misfits, slips
 from corridor.tools.change.epoch import Epoch
 from corridor.tools.change.m3c2 import polynomial
-from corridor.tools.change.significance import patches, patches_beside
+from corridor.tools.change.significance import discs_in, patches, patches_beside
 from tests.block_folder import small
 
 
@@ -184,6 +184,22 @@ class TestPatches:
         assert len(found) == 1
         np.testing.assert_array_equal(found[0].cells, np.flatnonzero(inside))
         assert not patches(np.where(np.arange(96) == 40, 2.5, 0.0), self.alike, self.near, 0.01)
+
+    def test_what_is_said_of_a_bowl_holds_although_the_data_chose_its_place(self, monkeypatch):
+        """The mean of cells that were chosen beyond a limit errs outwards by more than one of its
+        standard deviations; that of a disc lies within two of its own in 95 %."""
+        monkeypatch.setattr(significance, "MAPS", 200)
+        bowl = -3.0 * np.exp(-0.5 * np.sum((self.place - [5, 4]) ** 2, axis=1) / 2.0**2)
+        cells, discs = [], []
+        for noise in self.maps(40, 4):
+            value = bowl + noise
+            found = patches(value, self.alike, self.near, 0.05)
+            for one in discs_in(found, value, self.alike, self.place.astype(float)):
+                for some, wider, errors in ((one.cells, 1.0, cells), (one.disc, one.wider, discs)):
+                    sigma = wider * np.sqrt(self.alike[np.ix_(some, some)].mean())
+                    errors.append(np.sign(one.z) * noise[some].mean() / sigma)
+        assert len(discs) > 20 and np.mean(cells) > 1.0
+        assert np.sum(np.abs(discs) > 2.0) <= binom.ppf(0.9995, len(discs), 0.05)
 
 
 class TestPatchesBesideTheirSurroundings:
