@@ -101,8 +101,10 @@ def with_ground_apart(
         start = _with_points_aside(sound, model, used, off, away)
     if either and not len(wrong):
         return None, [either]
+    control = model.roles(block)[used] == "control"
     while len(wrong) or off.any():
-        start = _with_points_aside(sound, model, used, off, away)
+        # Check points stay, for what the rest knows of them: beyond all control it is little.
+        start = _with_points_aside(sound, model, used, off & control, away)
         found = where_it_leads(again, start, model)
         if found is None:
             return None, [either] if either else []
@@ -110,6 +112,8 @@ def with_ground_apart(
         away = given - seen[used]
         # Rough as the look was, it may have bent what is right.
         usual = np.maximum(sigma, robust_scale(away[~off], axis=0))
+        check = found.check_points.set_index("point")[["s_dx", "s_dy", "s_dz"]]
+        usual = np.fmax(usual, check.reindex(names).to_numpy(float))
         right = off & (np.abs(away) < OUTLIER * usual).all(axis=1)
         wrong, good = _as_found(wrong, start, found, seen)
         if not (right.any() or good.any()):
@@ -119,6 +123,9 @@ def with_ground_apart(
         sound = without_marks(block, wrong)
     else:
         return None, []
+    if (off & ~control).any():
+        start = _with_points_aside(sound, model, used, off, away)
+        found = where_it_leads(from_where_it_ended, found, start, model, again) or found
     notes = [told_marks(found, wrong)] if len(wrong) else []
     if found.residuals["control"]["outlier"].any():
         notes += [either] if either else []
