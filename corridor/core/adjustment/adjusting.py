@@ -47,8 +47,8 @@ from corridor.core.adjustment.readjusting import (
 from corridor.core.adjustment.result import Adjustment, from_where_it_ended, where_it_leads
 from corridor.core.adjustment.solving import solve
 from corridor.core.adjustment.turns import with_turns_as_seen
-from corridor.core.adjustment.variance_components import CONTRADICTING_FACTOR
-from corridor.core.adjustment.warnings import implausible
+from corridor.core.adjustment.variance_components import CONTRADICTING_FACTOR, general
+from corridor.core.adjustment.warnings import MISFIT, implausible
 from corridor.core.block import POSE, Block, places, read, values_of, with_rigid_poses
 from corridor.core.effects import Effect, check_needs
 from corridor.core.engine.scene import SQUARES
@@ -152,7 +152,8 @@ def adjust(
     weights: `estimated`: where antenna positions contradict their stated standard deviations, they
         are weighted as they are, a block of false ones apart from the rest, and coarse ones with
         the offset they share; a sentence says so (`Adjustment.variance_components`), and where
-        marks or ground control contradict theirs. `marks`: these are weighted as they are, in
+        marks or ground control contradict theirs; single control points that all other
+        observations contradict are set aside. `marks`: these are weighted as they are, in
         place of the positions. `stated`: as stated.
 
     What the block can know by itself is filled in first (`corridor.prepare`), as in `diagnose`.
@@ -188,7 +189,7 @@ def adjust(
             return found
 
     def sound(part: Block) -> Adjustment:
-        return _without_gross_errors(part, model, again, weights == "marks", run.strict)
+        return _without_gross_errors(part, model, again, weights, run.strict)
 
     def settled(found: Adjustment, part: Block) -> Adjustment:
         if reject_gnss:
@@ -369,7 +370,12 @@ def _with_ground_as_seen(
         better = (
             found
             and found.converged
-            and (result is None or wrecked or _size(found) < _size(result) / CONTRADICTING_FACTOR)
+            and (
+                result is None
+                or wrecked
+                or _size(found) < _size(result) / CONTRADICTING_FACTOR
+                or found.sigma0 < MISFIT < result.sigma0
+            )
         )
         if found and better:
             if found.sigma0 < CONTRADICTING_FACTOR:
@@ -397,8 +403,7 @@ def _with_ground_as_seen(
 
 def _misfits(result: Adjustment) -> bool:
     """Whether single matches may be what does: what a model lacks is in all about them too."""
-    # A robust loss gets over a few that are gross, unless they are wild.
-    if result.sigma0 < _MISFIT and _size(result) < _WRECKED:
+    if result.sigma0 < MISFIT and _size(result) < _WRECKED:
         return False
     if not result.converged:
         return True
@@ -406,6 +411,9 @@ def _misfits(result: Adjustment) -> bool:
     # What all bends to hides which rays and images are wrong.
     if result.sigma0 > _WRECKED:
         return bool(ties["gross"].any())
+    # A model that lacks something leaves more than a few that are gross.
+    if result.sigma0 < _MISFIT and general(result) > MISFIT:
+        return False
     rays, images = suspects(ties)
     return bool(rays.any() or images)
 
@@ -423,7 +431,7 @@ def _many_wrong_marks(result: Adjustment) -> bool:
 
 
 def _without_gross_errors(
-    block: Block, model: Model, again: Callable, reweighted: bool, strict: bool
+    block: Block, model: Model, again: Callable, weights: str, strict: bool
 ) -> Adjustment:
     """The block adjusted, without what squares do not get over.
 
@@ -432,9 +440,9 @@ def _without_gross_errors(
     """
 
     def by_squares(model: Model) -> Adjustment:
-        first = begun_with_sound_positions(block, model, again, strict)
+        first = begun_with_sound_positions(block, model, again, strict, weights == "estimated")
         found = without_gross_errors(first, again, strict)
-        return with_marks_as_they_are(found, again) if reweighted else found
+        return with_marks_as_they_are(found, again) if weights == "marks" else found
 
     if Loss.parse(model.loss).kind == SQUARES:
         return by_squares(model)

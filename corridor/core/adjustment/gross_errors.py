@@ -5,6 +5,7 @@ what fits it best. A few such measurements are found by an adjustment that they 
 and set aside; where that does not make the rest fit, they are not what is wrong.
 """
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from corridor.core.adjustment.gross_ground import (
     suspicious,
     told_marks,
     with_ground_apart,
+    with_named_control_apart,
     without_marks,
     wrong_marks,
 )
@@ -65,7 +67,7 @@ def without_gross_errors(result: Adjustment, again: Again, strict: bool = False)
 
 
 def begun_with_sound_positions(
-    block: Block, model: Model, again: Again, strict: bool = False
+    block: Block, model: Model, again: Again, strict: bool = False, snooped: bool = False
 ) -> Adjustment:
     """Adjusted; where it runs away, or half of the positions miss grossly, without those that are
     false beside the stated camera, if the others are then as good as they are stated.
@@ -73,6 +75,7 @@ def begun_with_sound_positions(
     A third of a flight that is metres off draws all others after it, the arm and a free focal
     length, which may become a hundred times as long, at once or with a robust loss. They cannot do
     so where both are held. An effect that is missing is in all positions, and leaves none right.
+    snooped: a control point that a test of all coordinates names is set aside too.
     Raises what the adjustment does, where that does not help.
     """
     first: Adjustment | InputError | AdjustmentFailed
@@ -81,7 +84,7 @@ def begun_with_sound_positions(
     except (InputError, AdjustmentFailed) as failure:
         first = failure
     if not strict and (isinstance(first, Exception) or suspicious(first)):
-        first = _with_ground_apart(first, block, model, again)
+        first = _with_ground_apart(first, block, model, again, snooped)
     most = np.inf
     if not isinstance(first, Exception):
         block = first.start
@@ -115,23 +118,34 @@ def begun_with_sound_positions(
 
 
 def _with_ground_apart(
-    first: Adjustment | InputError | AdjustmentFailed, block: Block, model: Model, again: Again
+    first: Adjustment | InputError | AdjustmentFailed,
+    block: Block,
+    model: Model,
+    again: Again,
+    snooped: bool,
 ) -> Adjustment | InputError | AdjustmentFailed:
     """The first, or adjusted with wrong ground points and marks set aside where that fits."""
-    try:
+    begun = None if isinstance(first, Exception) else first
+    sound = begun if begun and begun.converged and not implausible(begun) else None
+    found: Adjustment | None = None
+    notes: list[str] = []
+    with suppress(InputError, AdjustmentFailed):
         found, notes = with_ground_apart(block, model, again)
-    except (InputError, AdjustmentFailed):
-        return first
-    if found is None and notes and not isinstance(first, Exception):
-        first.add_note(*notes)
-    # Exchanged points that are set aside are exchanged still.
-    if found is None or len(implausible(found)) > len(found.exchanged):
-        return first
-    if not isinstance(first, Exception) and first.converged and not implausible(first):
+    if found is not None:
         gone = len(block.marks) - len(found.start.marks)
         gone += int((found.start.ground_sigma() > block.ground_sigma()).any(axis=1).sum())
-        if not _square(first) - _square(found) > GROSS**2 * gone:
-            return first
+        fits = sound is None or _square(sound) - _square(found) > GROSS**2 * gone
+        # Exchanged points that are set aside are exchanged still.
+        if not fits or len(implausible(found)) > len(found.exchanged):
+            found, notes = None, []
+    if found is None and sound and snooped:
+        # Of two parties that contradict each other at a rough look one point may be told to be it.
+        most = 1 if notes else max(len(sound.problem.control_rows) // 3, 1)
+        found, told = with_named_control_apart(sound, again, most)
+        notes = told or notes
+    found = found or begun
+    if found is None:
+        return first
     found.add_note(*notes)
     return found
 

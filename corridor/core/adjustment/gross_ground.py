@@ -19,8 +19,8 @@ import pandas as pd
 from corridor.core.adjustment.blunders import where_seen
 from corridor.core.adjustment.ground_variances import with_mark_sigma
 from corridor.core.adjustment.model import Model
-from corridor.core.adjustment.result import Adjustment, Again, where_it_leads
-from corridor.core.adjustment.warnings import implausible
+from corridor.core.adjustment.result import Adjustment, Again, from_where_it_ended, where_it_leads
+from corridor.core.adjustment.warnings import DOUBTFUL, implausible
 from corridor.core.block import Block, values_of
 from corridor.core.camera import project
 from corridor.core.errors import AdjustmentFailed, InputError, some
@@ -101,8 +101,10 @@ def with_ground_apart(
         start = _with_points_aside(sound, model, used, off, away)
     if either and not len(wrong):
         return None, [either]
+    control = model.roles(block)[used] == "control"
     while len(wrong) or off.any():
-        start = _with_points_aside(sound, model, used, off, away)
+        # Check points stay, for what the rest knows of them: beyond all control it is little.
+        start = _with_points_aside(sound, model, used, off & control, away)
         found = where_it_leads(again, start, model)
         if found is None:
             return None, [either] if either else []
@@ -110,6 +112,8 @@ def with_ground_apart(
         away = given - seen[used]
         # Rough as the look was, it may have bent what is right.
         usual = np.maximum(sigma, robust_scale(away[~off], axis=0))
+        check = found.check_points.set_index("point")[["s_dx", "s_dy", "s_dz"]]
+        usual = np.fmax(usual, check.reindex(names).to_numpy(float))
         right = off & (np.abs(away) < OUTLIER * usual).all(axis=1)
         wrong, good = _as_found(wrong, start, found, seen)
         if not (right.any() or good.any()):
@@ -119,12 +123,53 @@ def with_ground_apart(
         sound = without_marks(block, wrong)
     else:
         return None, []
+    if (off & ~control).any():
+        start = _with_points_aside(sound, model, used, off, away)
+        found = where_it_leads(from_where_it_ended, found, start, model, again) or found
     notes = [told_marks(found, wrong)] if len(wrong) else []
     if found.residuals["control"]["outlier"].any():
         notes += [either] if either else []
     if off.any():
         notes.append(_told_points(block, used, names, given, away, off))
     return found, notes
+
+
+def with_named_control_apart(
+    result: Adjustment, again: Again, most: int
+) -> tuple[Adjustment | None, list[str]]:
+    """Adjusted with the control set aside that all other observations contradict, and a sentence;
+    None where another point explains as much, or not all else fits without.
+
+    One point after the other, the most significant first, and no more than `most`.
+    Source: Baarda 1968; Kok 1984 (iterated data snooping).
+    """
+    block, model, found = result.start, result.problem.model, result
+    used = np.flatnonzero(model.roles(block) != "unused")
+    names = block.ground["point"].to_numpy(dtype=object)[used]
+    given, off = block.numbers("ground", *"xyz")[used], np.zeros(len(used), bool)
+    away = np.zeros((len(used), 3))
+    while True:
+        wrong = found.reliability.wrong_control
+        wrong = wrong[~wrong["point"].isin(names[off]) & (wrong["w"].abs() > OUTLIER)]
+        if not len(wrong):
+            break
+        worst = wrong.iloc[0]
+        mine = names == worst["point"]
+        rivals = {name.rsplit(" ", 1)[0] for name in worst["or_else"].split(", ") if name}
+        if rivals - {worst["point"]} or off.sum() == most:
+            return None, []
+        off |= mine
+        away[mine] = np.linalg.norm(wrong["error"][wrong["point"] == worst["point"]])
+        start = _set_aside(block, used[off], away[off])
+        led = where_it_leads(from_where_it_ended, result, start, model, again)
+        if led is None:
+            return None, []
+        found = led
+    fit = max(kind.get("sigma0", 0.0) for kind in found.statistics.values())
+    if not off.any() or fit > DOUBTFUL:
+        return None, []
+    away = given - _seen(block, found)[used]
+    return found, [_told_points(block, used, names, given, away, off)]
 
 
 def _with_points_aside(

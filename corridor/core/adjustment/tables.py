@@ -33,6 +33,7 @@ from corridor.core.camera import INTERIOR
 from corridor.core.effects import Values
 from corridor.core.engine.scene import robust
 from corridor.core.geometry import (
+    CONTRADICTING_FACTOR,
     GROSS,
     is_outlier,
     quaternion_from_rotation,
@@ -250,7 +251,7 @@ class Tables(Checked):
             out[kind] = with_units(frame, {"px": "x y vx vy sigma"})
         names = p.images.names[p.gnss_image]
         out["gnss"] = _threes(
-            names, "image", p.gnss_given, left.gnss, p.gnss_weight, turn=p.gnss_turn
+            names, "image", p.gnss_given, left.gnss, p.gnss_weight, turn=p.gnss_turn, apart=True
         )
         if len(p.attitude_image):
             names = p.images.names[p.attitude_image]
@@ -661,10 +662,11 @@ def _mean_square(v: np.ndarray, sigma: np.ndarray, kept: np.ndarray) -> float:
     return total / max(int(np.count_nonzero(kept)), 1)
 
 
-def _threes(names, key: str, given, residual, weight, unit="m", turn=None) -> pd.DataFrame:
+def _threes(names, key: str, given, residual, weight, unit="m", turn=None, apart=False):
     """Table of residuals in metres or degrees; outliers are beyond five sigmas, or five usual.
 
     residual (k, 3), weight (k, 3): of the coordinates that are independent (`turn`, (k, 3, 3)).
+    apart: an axis may scatter more than the others do, by what contradicts no standard deviation.
     """
     scaled = np.abs(residual) * np.sqrt(weight)
     sigma = 1.0 / np.sqrt(weight) if len(weight) else np.zeros((0, 3))
@@ -672,6 +674,8 @@ def _threes(names, key: str, given, residual, weight, unit="m", turn=None) -> pd
         residual = along_axes(turn, residual)
         sigma = np.sqrt(np.einsum("nii->ni", covariance_of(turn, weight)))
     usual = robust_scale(scaled, least=1e-6) if len(scaled) > 6 else 1.0
+    if apart and len(scaled) > 6:
+        usual = np.clip(robust_scale(scaled, axis=0), usual, max(usual, CONTRADICTING_FACTOR))
     parts = {"": given, "v": residual, "s": sigma}
     columns = {
         label + axis: part[:, k]

@@ -19,14 +19,14 @@ from scipy.special import chdtr, chdtrc, chdtri
 from corridor.core.adjustment.problem import POSE_KINDS
 from corridor.core.adjustment.result import Adjustment
 from corridor.core.block import Block, values_of
+from corridor.core.geometry import CONTRADICTING_FACTOR
 from corridor.core.gnss import SlowNoise
 
 _PLAN, _HEIGHT = slice(0, 2), slice(2, 3)
 AXES = {"plan": _PLAN, "height": _HEIGHT}
 _TURNS = {"roll and pitch": _PLAN, "yaw": _HEIGHT}
-# A group contradicts what is stated where chance does so once in a thousand, and its factor, which
-# small faults of any model raise, is beyond two.
-RARE_CHANCE, CONTRADICTING_FACTOR = 1e-3, 2.0
+# A group contradicts what is stated where chance does so once in a thousand, and by a factor.
+RARE_CHANCE = 1e-3
 # Redundancy below which a group says nothing of its own size.
 _FEWEST = 6.0
 # A redundancy near one makes residuals as large as errors: below this RMS, in sigmas, no group

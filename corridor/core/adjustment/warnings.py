@@ -39,7 +39,9 @@ _COARSE_M, _SEVERAL, _FINE = 0.1, 4, 0.1
 # Below this many standard deviations a value may be zero, which by chance happens to so many.
 _TWO_SIGMAS, _BY_CHANCE = 2.0, 0.0455
 # Sigma naught of a kind of observation that contradicts what is stated of it.
-_DOUBTFUL = 2.0
+DOUBTFUL = 2.0
+# Sigma naught of a model, or of measurements, that something is wrong with.
+MISFIT = 1.5
 
 
 def warnings_of(adjustment: Tables) -> list[str]:
@@ -333,7 +335,7 @@ def _pixels(a):
 
 
 def _fit(a):
-    if a.redundancy > 30 and a.sigma0 > 1.5:
+    if a.redundancy > 30 and a.sigma0 > MISFIT:
         yield (
             f"Sigma naught is {a.sigma0:.2f}: the residuals are larger than the stated standard "
             "deviations, or the model lacks something."
@@ -387,7 +389,7 @@ def _wrong_control(a):
     # Where other measurements contradict what is stated, or too many coordinates do, nobody knows
     # who is right, but of a gross error which all else bends to.
     gnss, mark, tie = (a.statistics[kind].get("sigma0", 0.0) for kind in ("gnss", "mark", "tie"))
-    doubtful = max(gnss, mark, tie) > _DOUBTFUL
+    doubtful = max(gnss, mark, tie) > DOUBTFUL
     if doubtful or len(found) >= len(table):
         found = found[found["w"].abs() > GROSS * a.control_factor * max(tie, 1.0)][:1]
     if not len(found):

@@ -9,6 +9,7 @@ from corridor.core.geometry.resampling import cluster_robust_sigma, jackknife, s
 from corridor.core.geometry.resection import closed_pose, refine_poses
 from corridor.core.geometry.robust import (
     CLIPPED,
+    CONTRADICTING_FACTOR,
     GROSS,
     OUTLIER,
     UNUSABLE,

@@ -16,6 +16,9 @@ GROSS = 15.0
 UNUSABLE = 6.0
 # From here on a residual counts as if it lay at the limit: it weighs, but cannot rule.
 CLIPPED = 4.0
+# A group of measurements whose usual size is so many times the stated one contradicts what is
+# stated; small faults of any model reach less.
+CONTRADICTING_FACTOR = 2.0
 
 _OF_MEDIAN = 1.4826
 _RAYLEIGH_MEDIAN = np.sqrt(2 * np.log(2))

@@ -750,7 +750,9 @@ def _ground(block: Block, centres: np.ndarray) -> str:
     turned = np.median(np.linalg.norm(given[:, [1, 0]] - above[:, :2], axis=1))
     if _degrees(given[:, :2], above[:, :2]):
         return "is in degrees, not in the metres of"
-    if turned < 0.5 * away and away > 0.3 * height:
+    # What images around the points see on their way round is in the middle whatever the axes are.
+    wide = np.median(np.linalg.norm(given[:, :2] - np.median(given[:, :2], axis=0), axis=1))
+    if turned < 0.5 * min(away, wide) and away > 0.3 * height:
         return "has x and y exchanged beside"
     away = float(np.hypot(away, np.median(np.abs(given[:, 2] - above[:, 2]))))
     if away < 5.0 * height:

@@ -284,7 +284,8 @@ class TestWrongControl:
         ground = block.ground.copy()
         row = np.flatnonzero(ground["role"] == "control")[2]
         ground.loc[row, "z"] += 0.15
-        found = corridor.adjust(block.with_(ground=ground)).reliability.wrong_control
+        found = corridor.adjust(block.with_(ground=ground), weights="stated")
+        found = found.reliability.wrong_control
         assert found["point"].tolist() == [ground["point"].iloc[row]]
         assert found["axis"].tolist() == ["z"]
         assert abs(found["error"].iloc[0] - 0.15) < 4 * found["sigma"].iloc[0]

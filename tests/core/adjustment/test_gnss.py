@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import corridor
+from corridor.core.adjustment.tables import _threes
 from corridor.core.simulation import read_plan
 
 CLOCK = 0.020
@@ -116,3 +117,17 @@ def test_a_missing_shutter_of_an_even_flight_is_no_other_datum():
         found = corridor.adjust(block, camera="fraser10")
         assert found.converged and found.sigma0 > 1.2
         assert any("residuals contradict" in told for told in found.warnings)
+
+
+@pytest.mark.parametrize("factor, told", [([0.3, 0.8, 2.0], False), ([1.0, 1.0, 1000.0], True)])
+def test_positions_of_uneven_axes_are_no_outliers_and_absurd_sigmas_are_told(factor, told):
+    """12 of 29 sound ones were, by the scatter of all axes together; 100 draws of 29."""
+    rng = np.random.default_rng(7)
+    named = 0
+    for _ in range(100):
+        residual = 0.02 * rng.normal(size=(29, 3)) * factor
+        table = _threes(
+            range(29), "image", residual, residual, np.full((29, 3), 0.02**-2), apart=True
+        )
+        named += int(table["outlier"].sum())
+    assert named > 2000 if told else named <= 3

@@ -283,6 +283,34 @@ class TestControlThatIsFarOff:
         assert re.search(rf"{name} in height by \+(9\.9|10\.0)", told)
         assert accuracy(found) < 0.05
 
+    @pytest.mark.parametrize("axis, off", [("z", 0.12), ("x", -0.08)])
+    def test_by_less_is_set_aside_too_before_the_positions_count_less_for_it(self, axis, off):
+        """Left in, it moved check points of unseen blocks by four to fifteen of their sigmas."""
+        block = corridor.read("data_synthetic/dike")
+        row = block.ground.index[block.ground["role"] == "control"][1]
+        block.ground.loc[row, axis] += off
+        found = corridor.adjust(block)
+        (told,) = [note for note in found.notes if "1 ground point set aside" in note]
+        assert str(block.ground["point"][row]) in told
+        check = found.check_points
+        scaled = check[["dx", "dy", "dz"]].to_numpy() / check[["s_dx", "s_dy", "s_dz"]].to_numpy()
+        assert np.abs(scaled).max() < 4.0
+        asked = corridor.adjust(block, weights="stated")
+        assert asked.reliability.wrong_control["point"].iloc[0] == block.ground["point"][row]
+
+    def test_is_told_from_five_at_one_end_without_gnss_by_their_full_weight(self):
+        """A rough look held it for as likely that the four others were wrong."""
+        block = corridor.read("data_synthetic/dike")
+        block.gnss, ground = block.gnss.iloc[:0], block.ground
+        order = ground["x"].astype(float).argsort().to_numpy()
+        ground["role"] = np.where(np.isin(np.arange(len(ground)), order[:5]), "control", "check")
+        ground.loc[ground.index[order[1]], "z"] -= 0.6
+        found = corridor.adjust(block)
+        (told,) = [note for note in found.notes if "1 ground point set aside" in note]
+        assert f"{ground['point'].iloc[order[1]]} in height by -0.6" in told
+        assert not any("nothing shows who is right" in note for note in found.warnings)
+        assert accuracy(found) < 0.05
+
     def test_by_the_height_of_a_pole_is_told_as_one(self):
         block = flown(35)
         names = self.typed(block, 2.0, points=3)

@@ -275,7 +275,7 @@ class TestWrongControl:
     )
     def test_point_and_coordinate_are_named_and_nothing_else(self, errors):
         block, names = spoilt(errors, seed=3)
-        adjusted = corridor.adjust(block)
+        adjusted = corridor.adjust(block, weights="stated")
         found = adjusted.reliability.wrong_control
         assert set(zip(found["point"], found["axis"], strict=True)) == {
             (names[k], axis) for k, axis in errors

@@ -150,3 +150,21 @@ def test_an_aircraft_may_carry_its_antenna_farther_away(dike):
     block = replace(dike.copy(), lever_arm={"default": (0.0, 3.0, -4.0)})
     block.put("images", "z", block.numbers("images", "z") + 600.0)
     assert not [one for one in plausibility_warnings(block) if "lever arms are in metres" in one]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_ground_seen_across_a_ring_of_images_has_no_exchanged_axes(dike, seed):
+    """What is seen from the far side stands opposite, where exchanged axes would put it."""
+    rng = np.random.default_rng(seed)
+    block, count = dike.copy(), len(dike.images)
+    angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    block.images["x"], block.images["y"] = 30.0 * np.cos(angle), 30.0 * np.sin(angle)
+    side = rng.choice([0.75, -0.25], len(block.ground)) * np.pi
+    at = side + rng.normal(0.0, 0.3, len(side))
+    block.ground["x"], block.ground["y"] = 12.0 * np.cos(at), 12.0 * np.sin(at)
+    seen = np.round((at[:, None] / (2.0 * np.pi) + 0.5) * count + np.arange(-2, 3)).astype(int)
+    marks = block.marks.iloc[: seen.size].reset_index(drop=True)
+    marks["point"] = np.repeat(block.ground["point"].to_numpy(), seen.shape[1])
+    marks["image"] = block.images["image"].to_numpy()[seen.ravel() % count]
+    doubts = plausibility_warnings(block.with_(marks=marks))
+    assert not any("x and y exchanged" in doubt for doubt in doubts)
