@@ -467,8 +467,9 @@ def may_be_zero(a: Tables) -> pd.DataFrame:
     share = (free["value"] / free["sigma"]).rename(None)
     weak = list(free.index[share.abs() < _TWO_SIGMAS])
     label = "camera." + free["camera"].astype(str) + "." + free["parameter"].astype(str)
-    matrix = a.correlation_matrix if weak else None
-    kept: list = []
+    if not weak:
+        return a.camera.loc[[]]
+    matrix, kept = a.correlation_matrix, []
     for _, mine in free.loc[weak].groupby("camera", sort=False):
         rows = list(mine.index)
         while len(rows) > 1:

@@ -269,12 +269,13 @@ class PatchChange:
         weight: np.ndarray | None = None,
     ) -> PatchChange:
         """The mean of some core points; weight: of a change against the surface around them."""
-        local = weight is not None
-        if not local:
+        # Along a slope a surface that sinks comes nearer by less than it sinks: by least squares.
+        local, upwards = weight is not None, surface.cores.normal[rows, 2]
+        if local:
+            weight = weight * (weight[rows].sum() / (weight[rows] @ upwards))
+        else:
             weight = np.zeros(len(surface))
-            weight[rows] = 1.0 / len(rows)
-        # Along a slope a surface that sinks comes nearer by less than it sinks.
-        weight = weight / surface.cores.normal[:, 2]
+            weight[rows] = upwards / (upwards @ upwards)
         # What moved most says where.
         most = np.ones(len(rows)) if local else surface.distance[rows] ** 2
         most = most / most.sum()

@@ -155,9 +155,11 @@ def read_gcp_list(path: Path) -> Ground:
         words = next(csv.reader([" ".join(text.split())], delimiter=" "))
         if not rows and len(words) > 5 and not any(map(says_number, words)):
             continue  # what the columns are called
-        if len(words) == 5 and not says_number(words[4]):
-            # x y column row image: a point without height
-            words = [*words[:2], "0", *words[2:]]
+        if len(words) in (5, 6) and says_number(with_point(words[3])) and not says_number(words[4]):
+            raise line.wrong(
+                "a point without height (x y column row image), which is not a height of 0: write "
+                "it behind y, or leave the point out"
+            )
         if len(words) > 2 and not says_number(words[0]) and _PICTURE.search(words[0]):
             raise line.wrong(
                 f"it lists photographs ({words[0]}) and where they were taken, as a geo.txt: that "

@@ -137,7 +137,7 @@ class TestCoordinates:
 def test_what_fits_is_admitted_and_what_does_not_is_named_with_its_worst():
     one = corridor.adjust(two_dates.pair("rest", 1)[1])
     assert not list(misfits(one, "the first flight"))
-    one = corridor.adjust(two_dates.pair("mark of C1 5 px off", 1000)[1])
+    one = corridor.adjust(two_dates.pair("mark of C1 5 px off", 1000)[1], weights="stated")
     (objection,) = misfits(one, "the second flight")
     assert "control points" in objection.what and "most at C1" in objection.what
 

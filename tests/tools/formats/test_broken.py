@@ -123,6 +123,13 @@ def test_broken_lists_of_ground_points_are_refused(name, told, broken):
     assert told in str(caught.value)
 
 
+def test_a_ground_point_without_height_is_not_at_height_0(tmp_path):
+    file = tmp_path / "gcp_list.txt"
+    file.write_text("EPSG:32632\n400000.1 5000000.2 1023.5 800.1 a.jpg G1\n")
+    with pytest.raises(InputError, match=r"line 2: a point without height"):
+        read_gcp_list(file)
+
+
 @pytest.mark.parametrize("name", ["pix4d_decimal_comma.txt", "colmap_truncated", "nowhere"])
 def test_the_command_ends_with_status_2_and_writes_nothing(name, broken, tmp_path, capsys):
     assert cli.main(["import", "auto", str(broken / name), "-o", str(tmp_path / "block")]) == 2
