@@ -153,9 +153,10 @@ def read_gcp_list(path: Path) -> Ground:
         if not all(map(says_number, spaced)) and text.count(",") > 4:
             text = text.replace(",", " ")
         words = next(csv.reader([" ".join(text.split())], delimiter=" "))
-        if not rows and len(words) > 5 and not any(map(says_number, words)):
+        number = [says_number(with_point(word)) for word in words]
+        if not rows and len(words) > 5 and not any(number):
             continue  # what the columns are called
-        if len(words) in (5, 6) and says_number(with_point(words[3])) and not says_number(words[4]):
+        if number[3:5] == [True, False]:
             raise line.wrong(
                 "a point without height (x y column row image), which is not a height of 0: write "
                 "it behind y, or leave the point out"
