@@ -232,9 +232,7 @@ def _filled(cells: list[str], rows: list[list[str]]) -> list[str]:
 def _plain_marks(cell: str) -> str:
     """A number with the signs, points and commas of other scripts as one with those of ASCII; any
     other text as it is."""
-    if cell.isascii() or not re.fullmatch(
-        r"[\W\d]*\d[.,٫．，][\W\d]*\d|[\W\d]*[-−–－]\s?\d+", cell
-    ):
+    if cell.isascii() or not _OF_SCRIPTS.fullmatch(cell):
         return cell
     return unicodedata.normalize("NFKC", cell).translate(_MARKS)
 
