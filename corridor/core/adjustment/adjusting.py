@@ -361,12 +361,16 @@ def _with_ground_as_seen(
         failure, result = error, None
     wrecked = result is None or not result.converged or result.sigma0 > _WRECKED
     if not strict and (result is None or _misfits(result)):
-        found = where_it_leads(with_true_matches, block, model, again, whole, _begun)
-        if found is None and result and len(result.start.marks) < len(block.marks):
-            # Where wrong marks bend all, they hide which matches are false.
-            found = where_it_leads(with_true_matches, result.start, model, again, whole, _begun)
+        # Where wrong marks bend all, they hide which matches are false.
+        found, starts = None, [block]
+        if result and len(result.start.marks) < len(block.marks):
+            starts.insert(int(result.sigma0 > _MISFIT), result.start)
+        for start in starts:
+            found = where_it_leads(with_true_matches, start, model, again, whole, _begun)
             if found:
-                found.keep_notes(result)
+                if result and start is not block:
+                    found.keep_notes(result)
+                break
         better = (
             found
             and found.converged
@@ -411,9 +415,11 @@ def _misfits(result: Adjustment) -> bool:
     # What all bends to hides which rays and images are wrong.
     if result.sigma0 > _WRECKED:
         return bool(ties["gross"].any())
-    # A model that lacks something leaves more than a few that are gross.
-    if result.sigma0 < _MISFIT and general(result) > MISFIT:
-        return False
+    if result.sigma0 < _MISFIT and _size(result) < _WRECKED:
+        # A robust loss gets over a few that are gross; a model that lacks something leaves more.
+        robust = Loss.parse(result.problem.model.loss).kind != SQUARES
+        if robust or general(result) > MISFIT:
+            return False
     rays, images = suspects(ties)
     return bool(rays.any() or images)
 

@@ -20,7 +20,7 @@ from corridor.core.adjustment.blunders import where_seen
 from corridor.core.adjustment.ground_variances import with_mark_sigma
 from corridor.core.adjustment.model import Model
 from corridor.core.adjustment.result import Adjustment, Again, from_where_it_ended, where_it_leads
-from corridor.core.adjustment.warnings import DOUBTFUL, implausible
+from corridor.core.adjustment.warnings import MISFIT, implausible
 from corridor.core.block import Block, values_of
 from corridor.core.camera import project
 from corridor.core.errors import AdjustmentFailed, InputError, some
@@ -165,8 +165,9 @@ def with_named_control_apart(
         if led is None:
             return None, []
         found = led
-    fit = max(kind.get("sigma0", 0.0) for kind in found.statistics.values())
-    if not off.any() or fit > DOUBTFUL:
+    # Where a model lacks something, all control bends, and one point of it the most.
+    fit = max(found.sigma0, *(kind.get("sigma0", 0.0) for kind in found.statistics.values()))
+    if not off.any() or fit > MISFIT:
         return None, []
     away = given - _seen(block, found)[used]
     return found, [_told_points(block, used, names, given, away, off)]
@@ -244,10 +245,10 @@ def _off(
     for sample in islice(samples, _SAMPLES):
         length = _lengths(given, seen, np.array(sample), placed)
         if length is not None:
-            best = np.argsort(length, kind="stable")[:half]
-            length = _lengths(given, seen, best, placed)
+            nearest = np.argsort(length, kind="stable")[:half]
+            length = _lengths(given, seen, nearest, placed)
         if length is not None:
-            tried.append((float(np.partition(length, half - 1)[half - 1]), length, best))
+            tried.append((float(np.partition(length, half - 1)[half - 1]), length, nearest))
     if not tried:
         return out, rival
     usual = max(min(size for size, *_ in tried), float(np.median(sigma)) * OF_THREE)
@@ -255,13 +256,18 @@ def _off(
     if placed:
         # Of two halves the one is right that lies where the GNSS has it.
         good.sort(key=lambda one: float(np.linalg.norm((given - seen)[one[2]].mean(axis=0))))
-    size, length, _ = good[0] if placed else min(good, key=lambda one: one[0])
-    wrong = length > GROSS * max(size, usual) / OF_THREE
-    out[known] = wrong
-    others = (one[1] > GROSS * max(one[0], usual) / OF_THREE for one in good)
-    other = next((one for one in others if (one & ~wrong).any()), None)
-    if other is not None and not placed and wrong.any():
-        rival[known] = other
+    accused = [length > GROSS * max(size, usual) / OF_THREE for size, length, _ in good]
+    best = 0 if placed else min(range(len(good)), key=lambda k: good[k][0])
+    if not placed and accused[best].sum() > 1:
+        # One point that is wrong is likelier than several.
+        alone = [k for k, other in enumerate(accused) if other.sum() == 1]
+        best = min(alone or [best], key=lambda k: good[k][0])
+    wrong = out[known] = accused[best]
+    for other in accused if not placed and wrong.any() else ():
+        likelier = wrong.sum() == 1 and other.sum() > 1
+        if not likelier and (other & ~wrong).any() and (wrong & ~other).any():
+            rival[known] = other
+            break
     return out, rival
 
 

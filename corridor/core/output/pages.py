@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from corridor.core.output.table import WIDTH, Table, with_commands
 
 _STYLE = """
-.corridor-report {font: 13px/1.45 system-ui, -apple-system, "Segoe UI", sans-serif; max-width: 60em}
+.corridor-report {font: 13px/1.45 system-ui, -apple-system, "Segoe UI", sans-serif;
+  max-width: 60em}
 .corridor-report p {margin: .4em 0; max-width: 46em}
 .corridor-report p.warning {border-left: 3px solid #ddaa33; padding: .1em 0 .1em .7em}
 .corridor-report table {border-collapse: collapse; margin: 1.1em 0 .2em; font-size: inherit;
