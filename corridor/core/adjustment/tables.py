@@ -674,7 +674,8 @@ def _threes(names, key: str, given, residual, weight, unit="m", turn=None, apart
         residual = along_axes(turn, residual)
         sigma = np.sqrt(np.einsum("nii->ni", covariance_of(turn, weight)))
     usual = robust_scale(scaled, least=1e-6) if len(scaled) > 6 else 1.0
-    if apart and len(scaled) > 6:
+    # With a redundancy of 1 % residuals are a tenth of sigma: they do not show how axes scatter.
+    if apart and len(scaled) > 6 and usual > 0.1:
         usual = np.clip(robust_scale(scaled, axis=0), usual, max(usual, CONTRADICTING_FACTOR))
     parts = {"": given, "v": residual, "s": sigma}
     columns = {
