@@ -139,7 +139,7 @@ class TestClaims:
         ground.loc[ground.index[ground["role"].astype(str) == "control"][1], "z"] += 0.2
         block.with_(ground=ground).write(tmp_path / "wrong")
         warnings = certify(tmp_path / "wrong", form).report.warnings
-        assert any("control is wrong" in warning for warning in warnings)
+        assert any("1 ground point set aside" in warning for warning in warnings)
 
     def test_the_full_form_says_that_points_are_too_few_for_a_class(self, block, tmp_path):
         fewer(block, 5).write(tmp_path / "few")
